@@ -1,0 +1,65 @@
+"""Frames: between pixels and the normalized coordinates in which a map is written (Eq. 10)."""
+
+from typing import Self
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from jaxlens.numerics import as_floating, as_points, join, split
+
+
+class Frame(eqx.Module):
+    """A centre and a scale: `normalized = (pixel − center) / scale`, for x and y.
+
+    Pixel centres lie at integers: the first pixel of an image is at (0, 0).
+
+    Attributes:
+        center: (x, y) of the origin of normalized coordinates, in pixels.
+        scale: Pixels per normalized unit along x and y; a single number serves both.
+    """
+
+    center: Float[Array, "2"]
+    scale: Float[Array, "2"]
+
+    def __init__(self, center: ArrayLike, scale: ArrayLike):
+        self.center = jnp.broadcast_to(as_floating(center), (2,))
+        self.scale = jnp.broadcast_to(as_floating(scale), (2,))
+
+    @classmethod
+    def half_diagonal(cls, height: ArrayLike, width: ArrayLike) -> Self:
+        """Returns the frame of Eq. 10: centre (w/2, h/2), half the diagonal as unit.
+
+        With pixel centres at integers the middle of the image is ((w − 1)/2, (h − 1)/2); Eq. 10's centre lies half
+        a pixel to the right of it and below. See `docs/conventions.md`.
+        """
+        center = jnp.stack([as_floating(width), as_floating(height)]) / 2
+        return cls(center, jnp.hypot(center[0], center[1]))
+
+    @classmethod
+    def from_camera_matrix(cls, camera_matrix: Float[ArrayLike, "3 3"]) -> Self:
+        """Returns the frame of a camera matrix `[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]` without skew."""
+        matrix = as_floating(camera_matrix)
+        if matrix.shape != (3, 3):
+            raise ValueError(f"a camera matrix has shape (3, 3), got {matrix.shape}")
+        return cls(matrix[:2, 2], jnp.stack([matrix[0, 0], matrix[1, 1]]))
+
+    def normalize(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2"]:
+        """Maps pixels `(..., 2)`, (x, y) order, to normalized coordinates (Eq. 10)."""
+        x, y = split(as_points(points))
+        return join((x - self.center[0]) / self.scale[0], (y - self.center[1]) / self.scale[1])
+
+    def denormalize(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2"]:
+        """Maps normalized coordinates `(..., 2)`, (x, y) order, to pixels."""
+        x, y = split(as_points(points))
+        return join(x * self.scale[0] + self.center[0], y * self.scale[1] + self.center[1])
+
+    def zoomed(self, zoom: ArrayLike) -> Self:
+        """Returns the frame of a picture enlarged about this one's centre: `zoom` times the pixels per unit."""
+        return type(self)(self.center, self.scale * zoom)
+
+    def camera_matrix(self) -> Float[Array, "3 3"]:
+        """Returns the frame as a camera matrix."""
+        zero, one = jnp.zeros_like(self.scale[0]), jnp.ones_like(self.scale[0])
+        (fx, fy), (cx, cy) = self.scale, self.center
+        return jnp.stack([jnp.stack([fx, zero, cx]), jnp.stack([zero, fy, cy]), jnp.stack([zero, zero, one])])

@@ -1,0 +1,16 @@
+"""Pictures as files: read with all that must be kept, written whole or not at all.
+
+This is the edge of the library: NumPy arrays and files, no JAX. Nothing heavy is imported before a file is
+read or written. imageio (over Pillow and tifffile) writes; see `jaxlens.images.reading` for why reading goes
+to Pillow, tifffile and imagecodecs directly.
+"""
+
+from jaxlens.images.picture import DEFAULT_MAX_PIXELS as DEFAULT_MAX_PIXELS
+from jaxlens.images.picture import READABLE_SUFFIXES as READABLE_SUFFIXES
+from jaxlens.images.picture import WRITABLE_SUFFIXES as WRITABLE_SUFFIXES
+from jaxlens.images.picture import ImageError as ImageError
+from jaxlens.images.picture import Picture as Picture
+from jaxlens.images.picture import PictureMetadata as PictureMetadata
+from jaxlens.images.reading import list_images as list_images
+from jaxlens.images.reading import read_image as read_image
+from jaxlens.images.writing import write_image as write_image

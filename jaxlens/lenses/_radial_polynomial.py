@@ -1,0 +1,45 @@
+"""The polynomial lens of Eq. 9, of any order."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from jaxlens.lenses._lens import RadialLens
+from jaxlens.numerics import as_floating, polynomial
+from jaxlens.polynomials import smallest_positive_root
+
+
+class RadialPolynomial(RadialLens):
+    """`x_d = c + (x_u − c) Φ(r²)` with `Φ(r²) = 1 + κ1 r² + κ2 r⁴ + …` (Eq. 9) and `r = |x_u − c|`.
+
+    κ > 0 is pincushion, κ < 0 barrel; order one, `1 + k r²`, is the model of the paper's Section 2.4.
+
+    Attributes:
+        coefficients: κ1, κ2, …, as many as wanted; none is the identity.
+        center: The centre of distortion c in normalized coordinates; the frame's origin unless given.
+
+    Example:
+        >>> import jaxlens as jl
+        >>> lens = jl.RadialPolynomial([0.0, 1.0])
+        >>> lens.undistort(lens.distort([[0.5, 0.0]])).tolist()
+        [[0.5, 0.0]]
+    """
+
+    coefficients: Float[Array, " order"]
+
+    def __init__(self, coefficients: ArrayLike | list | tuple, center: ArrayLike | list | tuple | None = None):
+        self.coefficients = as_floating(coefficients)
+        if self.coefficients.ndim != 1:
+            raise ValueError(
+                f"coefficients must be a vector κ1, κ2, …, got shape {self.coefficients.shape}; "
+                "a batch of lenses is made by jax.vmap(RadialPolynomial)(coefficients)"
+            )
+        self.center = jnp.zeros(2, self.coefficients.dtype) if center is None else as_floating(center)
+
+    def factor(self, squared_radius: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
+        """Returns Φ(r²) of Eq. 9."""
+        return 1 + squared_radius * polynomial(self.coefficients, squared_radius)
+
+    def fold_radius(self) -> Float[Array, ""]:
+        """Returns the first ρ at which d(ρ Φ(ρ²))/dρ = 1 + 3 κ1 ρ² + 5 κ2 ρ⁴ + … turns negative; ∞ if it never does."""
+        odd = jnp.arange(1, self.coefficients.shape[0] + 1, dtype=self.coefficients.dtype) * 2 + 1
+        return jnp.sqrt(smallest_positive_root(odd * self.coefficients))

@@ -1,0 +1,50 @@
+"""Small numerical helpers that every layer of the core shares."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+
+def as_floating(values: ArrayLike) -> Array:
+    """Returns `values` as a floating array: floats keep their dtype, anything else gets JAX's default float."""
+    array = jnp.asarray(values)
+    if jnp.issubdtype(array.dtype, jnp.complexfloating):
+        raise ValueError(f"expected real numbers, got dtype {array.dtype}; pass the real part or the magnitude")
+    if jnp.issubdtype(array.dtype, jnp.floating):
+        return array
+    return array.astype(jnp.result_type(float))
+
+
+def as_points(points: ArrayLike) -> Float[Array, "*batch 2"]:
+    """Returns `points` as a floating array and checks that its last axis holds (x, y).
+
+    Raises:
+        ValueError: the last axis has not length 2.
+    """
+    array = as_floating(points)
+    if array.ndim == 0 or array.shape[-1] != 2:
+        raise ValueError(f"points must have shape (..., 2) in (x, y) order, got {array.shape}")
+    return array
+
+
+def split(points: Float[Array, "*batch 2"]) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
+    """Returns the x and y of points as two planes: arithmetic on planes is twice as fast as on pairs."""
+    return points[..., 0], points[..., 1]
+
+
+def join(x: Float[Array, "*batch"], y: Float[Array, "*batch"]) -> Float[Array, "*batch 2"]:
+    """Returns points from their x and y."""
+    return jnp.stack([x, y], axis=-1)
+
+
+def epsilon(dtype: jax.typing.DTypeLike) -> float:
+    """Returns the spacing of `dtype` at one: the unit in which every tolerance of the library is stated."""
+    return float(jnp.finfo(dtype).eps)
+
+
+def polynomial(coefficients: Float[Array, " terms"], x: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
+    """Evaluates `Σ coefficients[i] xⁱ` by Horner's rule; the empty sum is zero."""
+    total = jnp.zeros_like(x)
+    for coefficient in reversed(list(coefficients)):
+        total = total * x + coefficient
+    return total

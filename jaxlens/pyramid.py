@@ -1,0 +1,74 @@
+"""Image pyramids and pixel footprints, for sampling where a map shrinks the image."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Float, Int
+
+from jaxlens.numerics import split
+
+
+class Pyramid(eqx.Module):
+    """An image and its halvings, one after another in memory, so that each point can read at a level of its own.
+
+    Attributes:
+        pixels: `(N, C)`, the levels' pixels row by row, the finest first.
+        offsets: Where each level starts in `pixels`.
+        heights: The height of each level.
+        widths: The width of each level.
+    """
+
+    pixels: Float[Array, "pixels channels"]
+    offsets: Int[np.ndarray, " levels"] = eqx.field(static=True)
+    heights: Int[np.ndarray, " levels"] = eqx.field(static=True)
+    widths: Int[np.ndarray, " levels"] = eqx.field(static=True)
+
+
+def build_pyramid(image: Float[Array, "height width channels"]) -> Pyramid:
+    """Halves an image by 2×2 means until one of its sides is a pixel long; odd sides repeat their last line."""
+    levels = [image]
+    while min(levels[-1].shape[:2]) > 1:
+        last = levels[-1]
+        padded = jnp.pad(last, ((0, last.shape[0] % 2), (0, last.shape[1] % 2), (0, 0)), mode="edge")
+        levels.append(0.25 * (padded[::2, ::2] + padded[1::2, ::2] + padded[::2, 1::2] + padded[1::2, 1::2]))
+    heights = np.array([level.shape[0] for level in levels], np.int32)
+    widths = np.array([level.shape[1] for level in levels], np.int32)
+    offsets = np.concatenate([[0], np.cumsum(heights * widths)[:-1]]).astype(np.int32)
+    return Pyramid(jnp.concatenate([level.reshape(-1, image.shape[-1]) for level in levels]), offsets, heights, widths)
+
+
+def footprint(
+    coordinates: Float[Array, "height width 2"],
+) -> tuple[Float[Array, "height width 2"], Float[Array, "height width"], Float[Array, "height width"]]:
+    """Measures the ellipse that each output pixel covers in the source.
+
+    Its axes are the singular values of the map's Jacobian, taken from differences between neighbouring coordinates
+    (one-sided at the edges of the grid and beside coordinates that are not finite, zero where there is nothing
+    to compare). It carries no derivatives.
+
+    Returns:
+        The unit vector along the longer axis, and the lengths of the longer and the shorter axis in source pixels.
+    """
+    coordinates = lax.stop_gradient(coordinates)
+    ax, ay = split(_difference(coordinates, axis=1))
+    bx, by = split(_difference(coordinates, axis=0))
+    # Eigenvalues and the leading eigenvector of J Jᵀ.
+    mean = 0.5 * (ax * ax + bx * bx + ay * ay + by * by)
+    half = 0.5 * (ax * ax + bx * bx - ay * ay - by * by)
+    cross = ax * ay + bx * by
+    radius = jnp.sqrt(half * half + cross * cross)
+    angle = 0.5 * jnp.arctan2(cross, half)
+    longer = jnp.sqrt(mean + radius)
+    shorter = jnp.sqrt(jnp.maximum(mean - radius, 0))
+    return jnp.stack([jnp.cos(angle), jnp.sin(angle)], axis=-1), longer, shorter
+
+
+def _difference(values: Array, axis: int) -> Array:
+    """The derivative along an axis: central where both neighbours are finite, one-sided where one is, else zero."""
+    forward = jnp.diff(values, axis=axis, append=jnp.full_like(lax.slice_in_dim(values, 0, 1, axis=axis), jnp.nan))
+    backward = jnp.roll(forward, 1, axis=axis)  # the appended NaN comes first
+    has_forward, has_backward = jnp.isfinite(forward), jnp.isfinite(backward)
+    total = jnp.where(has_forward, forward, 0) + jnp.where(has_backward, backward, 0)
+    count = has_forward.astype(values.dtype) + has_backward.astype(values.dtype)
+    return total / jnp.maximum(count, 1)

@@ -1,0 +1,237 @@
+"""Reading an image between its pixels: nearest, bilinear and bicubic, with borders and antialiasing."""
+
+from functools import partial
+from typing import Literal, get_args
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, ArrayLike, Float, Real
+
+from jaxlens.numerics import as_points, split
+from jaxlens.pyramid import build_pyramid, footprint
+
+Method = Literal["nearest", "bilinear", "bicubic", "bicubic_opencv"]
+"""`bicubic` is Keys's kernel with a = −0.5 (third order exact), `bicubic_opencv` the same with OpenCV's a = −0.75."""
+
+Border = Literal["constant", "edge", "reflect", "wrap"]
+"""What lies outside the image. In `scipy.ndimage` these are `grid-constant`, `nearest`, `reflect` and `grid-wrap`."""
+
+_TAPS = {"nearest": 1, "bilinear": 2, "bicubic": 4, "bicubic_opencv": 4}
+_CUBIC = {"bicubic": -0.5, "bicubic_opencv": -0.75}
+# Pixels beyond an image that no kernel reaches from.
+_FAR = 8.0
+# Probes along the longer axis of an antialiasing footprint.
+_PROBES = 5
+
+
+@partial(jax.jit, static_argnames=("method", "border", "antialias"))
+def remap(
+    image: Real[ArrayLike, "height width *channels"],
+    coordinates: Float[ArrayLike, "*points 2"],
+    *,
+    method: Method = "bilinear",
+    border: Border = "constant",
+    fill: Real[ArrayLike, "*fill"] = 0.0,
+    antialias: bool = False,
+) -> Real[Array, "*points_and_channels"]:
+    """Samples an image at pixel coordinates.
+
+    Args:
+        image: `(H, W)` or `(H, W, C)`, of any real dtype.
+        coordinates: `(..., 2)` source positions in pixels, (x, y) order, pixel centres at integers. Where one of
+            the two is not finite the result is `fill`, whatever the border.
+        method: The interpolation, see `Method`. Nearest rounds halves up.
+        border: What lies outside the image, see `Border`: `constant` is `fill` (interpolated with the edge pixels, as
+            OpenCV does), `edge` repeats the last pixel, `reflect` mirrors about the edge (d c b a | a b c d | d c b a), `wrap`
+            continues on the other side.
+        fill: The value outside the image: a number, or one for each channel.
+        antialias: Average over each output pixel's footprint in the source where the map shrinks the image. The
+            footprint comes from the map's Jacobian, that is from neighbouring coordinates, which must then have
+            shape `(H', W', 2)`. Where nothing shrinks the result is that of `antialias=False`.
+
+    Returns:
+        `(..., C)` or `(...)` samples in the dtype of the image; integers are rounded to the nearest (halves to even)
+        and saturated. Differentiable with respect to the image (floating), the coordinates (except nearest) and
+        the fill value; with respect to coordinates the derivative is that of the interpolant, one-sided at pixels.
+
+    Raises:
+        ValueError: a shape, method, border or fill value that does not fit.
+    """
+    image, coordinates = jnp.asarray(image), as_points(coordinates)
+    _check(image, coordinates, method, border, antialias)
+    pixels = image if image.ndim == 3 else image[..., None]
+    fill = jnp.asarray(fill)
+    if fill.ndim > 1 or fill.shape not in ((), (1,), (pixels.shape[-1],)):
+        raise ValueError(
+            f"fill must be a number or one for each of the {pixels.shape[-1]} channels, got shape {fill.shape}"
+        )
+    fill = jnp.broadcast_to(fill, pixels.shape[-1:])
+    if antialias:
+        samples = _sample_footprint(pixels, coordinates, method, border, fill)
+    else:
+        # The barrier keeps XLA from computing the coordinates again for every tap and channel.
+        x, y = lax.optimization_barrier(split(coordinates))
+        samples = _sample(pixels, x, y, method, border, fill)
+    samples = _cast(samples, image.dtype)
+    return samples if image.ndim == 3 else samples[..., 0]
+
+
+def _check(image: Array, coordinates: Array, method: str, border: str, antialias: bool) -> None:
+    if image.ndim not in (2, 3) or 0 in image.shape:
+        raise ValueError(f"an image has shape (H, W) or (H, W, C) and at least one pixel, got {image.shape}")
+    if jnp.issubdtype(image.dtype, jnp.complexfloating):
+        raise ValueError(f"an image must be real, got dtype {image.dtype}; sample its real and imaginary parts")
+    if method not in get_args(Method):
+        raise ValueError(f"method must be one of {', '.join(get_args(Method))}, got {method!r}")
+    if border not in get_args(Border):
+        raise ValueError(f"border must be one of {', '.join(get_args(Border))}, got {border!r}")
+    if antialias and coordinates.ndim != 3:
+        raise ValueError(
+            "antialias=True needs coordinates on a grid, of shape (H, W, 2), to know the footprint of a pixel; "
+            f"got {coordinates.shape}"
+        )
+
+
+def _working_dtype(image_dtype, coordinate_dtype):
+    """The dtype to interpolate in: at least single precision, double where integers or coordinates need it."""
+    if jnp.issubdtype(image_dtype, jnp.floating):
+        return jnp.result_type(image_dtype, coordinate_dtype, jnp.float32)
+    exact = jnp.dtype(image_dtype).itemsize <= 2
+    return jnp.result_type(coordinate_dtype, jnp.float32 if exact else jnp.result_type(float))
+
+
+def _sample(
+    pixels: Array, x: Array, y: Array, method: str, border: str, fill: Array
+) -> Float[Array, "*points channels"]:
+    """Interpolates `(H, W, C)` pixels at planes of coordinates."""
+    height, width, channels = pixels.shape
+    dtype = _working_dtype(pixels.dtype, x.dtype)
+    return _interpolate(
+        pixels.reshape(-1, channels),
+        0,
+        height,
+        width,
+        x,
+        y,
+        method=method,
+        border=border,
+        fill=fill,
+        dtype=dtype,
+    )
+
+
+def _interpolate(pixels, offset, height, width, x, y, *, method, border, fill, dtype):
+    """Interpolates flattened pixels `(N, C)`, of which an image of this height and width begins at `offset`.
+
+    The three may be numbers, or planes that differ from point to point.
+    """
+    finite = jnp.isfinite(x) & jnp.isfinite(y)
+    columns = _taps(jnp.where(finite, x, -_FAR), width, method, border)
+    rows = _taps(jnp.where(finite, y, -_FAR), height, method, border)
+    total = jnp.zeros((), dtype)
+    for row, row_weight in rows:
+        for column, column_weight in columns:
+            value = pixels.at[offset + row * width + column].get(mode="promise_in_bounds")
+            total = total + (row_weight * column_weight).astype(dtype)[..., None] * value.astype(dtype)
+    if border == "constant":
+        covered = sum(weight for _, weight in columns) * sum(weight for _, weight in rows)
+    else:
+        covered = finite
+        total = jnp.where(finite[..., None], total, 0)
+    return total + (1 - covered.astype(dtype))[..., None] * fill.astype(dtype)
+
+
+def _sample_footprint(
+    pixels: Array, coordinates: Array, method: str, border: str, fill: Array
+) -> Float[Array, "height width channels"]:
+    """Averages over footprints: probes along the longer axis, at the pyramid's levels of the shorter one."""
+    dtype = _working_dtype(pixels.dtype, coordinates.dtype)
+    pyramid = build_pyramid(pixels.astype(dtype))
+    direction, longer, shorter = footprint(coordinates)
+    longer, shorter = jnp.maximum(longer, 1), jnp.maximum(shorter, 1)
+    deepest = len(pyramid.offsets) - 1
+    depth = jnp.clip(jnp.log2(jnp.maximum(shorter, longer / _PROBES)), 0, deepest)
+    fine = jnp.floor(depth).astype(jnp.int32)
+    coarse = jnp.minimum(fine + 1, deepest)
+    share = (depth - fine).astype(dtype)[..., None]
+    offsets, heights, widths = (jnp.asarray(values) for values in (pyramid.offsets, pyramid.heights, pyramid.widths))
+
+    def at_level(level, x, y):
+        shrink = jnp.exp2(-level.astype(x.dtype))
+        return _interpolate(
+            pyramid.pixels,
+            offsets[level],
+            heights[level],
+            widths[level],
+            (x + 0.5) * shrink - 0.5,
+            (y + 0.5) * shrink - 0.5,
+            method=method,
+            border=border,
+            fill=fill,
+            dtype=dtype,
+        )
+
+    def add_probe(total, position):
+        x, y = split(coordinates + (position * (longer - shorter))[..., None] * direction)
+        blended = (1 - share) * at_level(fine, x, y) + share * at_level(coarse, x, y)
+        return total + blended / _PROBES, None
+
+    positions = (jnp.arange(_PROBES, dtype=coordinates.dtype) + 0.5) / _PROBES - 0.5
+    return lax.scan(add_probe, jnp.zeros((*longer.shape, pixels.shape[-1]), dtype), positions)[0]
+
+
+def _cast(samples: Array, dtype) -> Array:
+    """Brings samples back to the dtype of the image: integers rounded and saturated."""
+    if jnp.issubdtype(dtype, jnp.floating):
+        return samples.astype(dtype)
+    if dtype == jnp.bool_:
+        return samples >= 0.5
+    low, high = float(jnp.iinfo(dtype).min), float(jnp.iinfo(dtype).max)
+    if high > 2 ** (jnp.finfo(samples.dtype).nmant + 1):
+        # The largest integer is not a float of this dtype; the float below it is the largest that fits.
+        high = float(np.nextafter(np.asarray(high, samples.dtype), np.asarray(0, samples.dtype)))
+    return jnp.clip(jnp.round(samples), low, high).astype(dtype)
+
+
+def _taps(position: Array, size: int | Array, method: str, border: str) -> list[tuple[Array, Array]]:
+    """The pixels that an interpolation along one axis reads: their indices, always inside, and their weights."""
+    count = _TAPS[method]
+    # floor(x) − 1 is the first of four, floor(x) of two; the nearest is floor(x + 1/2).
+    first = jnp.floor(position + 0.5) if count == 1 else jnp.floor(position) - (count // 2 - 1)
+    if border != "constant":
+        return [(_border_index(first + k, size, border), _kernel(position - (first + k), method)) for k in range(count)]
+    position = jnp.clip(position, -_FAR, size + _FAR)
+    # The `count` neighbouring pixels of the image nearest to the position: the kernel vanishes at those that
+    # it does not reach, so outside the image the weights fade to nothing by themselves.
+    first = jnp.clip(first, 0, jnp.maximum(size - count, 0))
+    taps = []
+    for k in range(count):
+        index = first + k
+        weight = jnp.where(index < size, _kernel(position - index, method), 0)
+        taps.append((jnp.minimum(index, size - 1).astype(jnp.int32), weight))
+    return taps
+
+
+def _border_index(index: Array, size: int | Array, border: str) -> Array:
+    """The pixel that stands at an index outside the image."""
+    if border == "reflect":
+        period = jnp.mod(index, 2 * size)
+        index = jnp.minimum(period, 2 * size - 1 - period)
+    elif border == "wrap":
+        index = jnp.mod(index, size)
+    return jnp.clip(index, 0, size - 1).astype(jnp.int32)
+
+
+def _kernel(distance: Array, method: str) -> Array:
+    """The weight of a pixel at a signed distance."""
+    if method == "nearest":
+        return ((distance >= -0.5) & (distance < 0.5)).astype(distance.dtype)
+    t = jnp.abs(distance)
+    if method == "bilinear":
+        return jnp.maximum(0, 1 - t)
+    a = _CUBIC[method]  # Keys (1981), Eq. 4
+    near = ((a + 2) * t - (a + 3)) * t * t + 1
+    far = a * (((t - 5) * t + 8) * t - 4)
+    return jnp.where(t <= 1, near, jnp.where(t < 2, far, 0))
