@@ -1,27 +1,63 @@
-"""Lens distortion in JAX: exact inverses with a validity mask, implicit gradients, batches, speed."""
+"""Lens distortion in JAX: exact inverses with a validity mask, implicit gradients, batches, speed.
 
-from jaxlens import metrics as metrics
-from jaxlens.frames import Frame as Frame
-from jaxlens.lenses import (
-    Division as Division,
-    Lens as Lens,
-    RadialLens as RadialLens,
-    RadialPolynomial as RadialPolynomial,
-)
-from jaxlens.maps import (
-    Chain as Chain,
-    CoordinateMap as CoordinateMap,
-    Inverse as Inverse,
-    InverseStatus as InverseStatus,
-    Inverted as Inverted,
-    OneToOne as OneToOne,
-)
-from jaxlens.sampling import remap as remap
-from jaxlens.warping import (
-    distort_image as distort_image,
-    distortion_map as distortion_map,
-    source_coordinates as source_coordinates,
-    undistort_image as undistort_image,
-    undistortion_map as undistortion_map,
-    warp as warp,
-)
+The names below are imported when they are first used, so that `jaxlens --help` need not wait for JAX.
+"""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from jaxlens import diagnostics as diagnostics
+    from jaxlens import images as images
+    from jaxlens import metrics as metrics
+    from jaxlens.frames import Frame as Frame
+    from jaxlens.lenses import Division as Division
+    from jaxlens.lenses import Lens as Lens
+    from jaxlens.lenses import RadialLens as RadialLens
+    from jaxlens.lenses import RadialPolynomial as RadialPolynomial
+    from jaxlens.maps import Chain as Chain
+    from jaxlens.maps import CoordinateMap as CoordinateMap
+    from jaxlens.maps import Inverse as Inverse
+    from jaxlens.maps import InverseStatus as InverseStatus
+    from jaxlens.maps import Inverted as Inverted
+    from jaxlens.maps import OneToOne as OneToOne
+    from jaxlens.sampling import remap as remap
+    from jaxlens.warping import distort_image as distort_image
+    from jaxlens.warping import distortion_map as distortion_map
+    from jaxlens.warping import source_coordinates as source_coordinates
+    from jaxlens.warping import undistort_image as undistort_image
+    from jaxlens.warping import undistortion_map as undistortion_map
+    from jaxlens.warping import warp as warp
+
+# The same names for the interpreter, module by module; a test holds the two lists together.
+_MODULES = ("diagnostics", "images", "metrics")
+_NAMES = {
+    "frames": ("Frame",),
+    "lenses": ("Division", "Lens", "RadialLens", "RadialPolynomial"),
+    "maps": ("Chain", "CoordinateMap", "Inverse", "InverseStatus", "Inverted", "OneToOne"),
+    "sampling": ("remap",),
+    "warping": (
+        "distort_image",
+        "distortion_map",
+        "source_coordinates",
+        "undistort_image",
+        "undistortion_map",
+        "warp",
+    ),
+}
+_HOMES = {name: module for module, names in _NAMES.items() for name in names}
+
+if not TYPE_CHECKING:
+    __all__ = sorted([*_MODULES, *_HOMES])
+
+    def __getattr__(name: str) -> object:
+        from importlib import import_module
+
+        if name in _MODULES:
+            return import_module(f"jaxlens.{name}")
+        if name in _HOMES:
+            value = globals()[name] = getattr(import_module(f"jaxlens.{_HOMES[name]}"), name)
+            return value
+        raise AttributeError(f"module 'jaxlens' has no attribute {name!r}")
+
+    def __dir__() -> list[str]:
+        return sorted({*globals(), *__all__})

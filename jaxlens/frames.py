@@ -47,7 +47,8 @@ class Frame(eqx.Module):
     def normalize(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2"]:
         """Maps pixels `(..., 2)`, (x, y) order, to normalized coordinates (Eq. 10)."""
         x, y = split(as_points(points))
-        return join((x - self.center[0]) / self.scale[0], (y - self.center[1]) / self.scale[1])
+        inverse = 1 / self.scale  # two divisions, not two a point
+        return join((x - self.center[0]) * inverse[0], (y - self.center[1]) * inverse[1])
 
     def denormalize(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2"]:
         """Maps normalized coordinates `(..., 2)`, (x, y) order, to pixels."""

@@ -5,12 +5,13 @@ import enum
 from typing import Self
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, ArrayLike, Bool, Float, Int8
 
 from jaxlens.newton import determinant, implicit_plane_root, plane_jacobian, solve_plane
-from jaxlens.numerics import as_points
+from jaxlens.numerics import as_points, join, split
 
 
 class InverseStatus(enum.IntEnum):
@@ -42,7 +43,8 @@ class Inverse(eqx.Module):
 
     def masked(self) -> Float[Array, "*batch 2"]:
         """Returns the points, with NaN where they are not valid."""
-        return jnp.where(self.valid[..., None], self.points, jnp.nan)
+        x, y = split(self.points)
+        return join(jnp.where(self.valid, x, jnp.nan), jnp.where(self.valid, y, jnp.nan))
 
 
 def inverse_status(
@@ -70,14 +72,17 @@ class CoordinateMap(eqx.Module):
         """Whether points lie where the map is one-to-one; here: where it keeps orientation."""
         return self.jacobian_determinant(points) > 0
 
+    @jax.jit
     def jacobian(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2 2"]:
         """Returns the matrices of derivatives: row = output coordinate, column = input coordinate."""
         return plane_jacobian(self.__call__, as_points(points))[1]
 
+    @jax.jit
     def jacobian_determinant(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch"]:
         """Returns the local change of area, negative where the map has folded over."""
         return determinant(self.jacobian(points))
 
+    @jax.jit
     def invert(self, points: Float[ArrayLike, "*batch 2"]) -> Inverse:
         """Finds the preimages of points by a two-dimensional Newton iteration that never crosses a fold.
 
@@ -98,6 +103,10 @@ class CoordinateMap(eqx.Module):
         # A stalled iteration stands at a fold: the map there is at the edge of its range.
         status = inverse_status(finite, converged, converged)
         return Inverse(solution, status == InverseStatus.CONVERGED, status)
+
+    def preimages(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2"]:
+        """Returns the points of `invert`, NaN where they are not valid."""
+        return self.invert(points).masked()
 
     def inverse(self) -> "Inverted":
         """Returns the inverse as a map of its own; it sends points without preimage to NaN."""
@@ -120,12 +129,13 @@ class Inverted(CoordinateMap):
 
     def __call__(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2"]:
         """Returns the preimages of points, NaN where there is none."""
-        return self.mapping.invert(points).masked()
+        return self.mapping.preimages(points)
 
     def one_to_one(self, points: Float[ArrayLike, "*batch 2"]) -> Bool[Array, "*batch"]:
         """Whether points have a preimage."""
         return self.mapping.invert(points).valid
 
+    @jax.jit
     def invert(self, points: Float[ArrayLike, "*batch 2"]) -> Inverse:
         """Applies the map itself; valid where it is one-to-one."""
         points = as_points(points)
@@ -148,12 +158,15 @@ class OneToOne(CoordinateMap):
     def __call__(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2"]:
         """Applies the map, NaN where it is not one-to-one."""
         points = as_points(points)
-        return jnp.where(self.mapping.one_to_one(points)[..., None], self.mapping(points), jnp.nan)
+        inside = self.mapping.one_to_one(points)
+        x, y = split(self.mapping(points))
+        return join(jnp.where(inside, x, jnp.nan), jnp.where(inside, y, jnp.nan))
 
     def one_to_one(self, points: Float[ArrayLike, "*batch 2"]) -> Bool[Array, "*batch"]:
         """Whether points lie where the map is one-to-one."""
         return self.mapping.one_to_one(points)
 
+    @jax.jit
     def invert(self, points: Float[ArrayLike, "*batch 2"]) -> Inverse:
         """Is the inverse of the map itself."""
         return self.mapping.invert(points)
@@ -184,6 +197,7 @@ class Chain(CoordinateMap):
             points = mapping(points)
         return inside
 
+    @jax.jit
     def invert(self, points: Float[ArrayLike, "*batch 2"]) -> Inverse:
         """Inverts each map, the last one first; a point is valid where every step is."""
         points = as_points(points)

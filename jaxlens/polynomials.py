@@ -7,7 +7,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float
 
-from jaxlens.newton import implicit_root, solve_increasing
+from jaxlens.newton import implicit_root, solve_bracketed
 from jaxlens.numerics import polynomial
 
 
@@ -72,8 +72,8 @@ def _bracketed_roots(coefficients: Array, separators: Array) -> tuple[Array, Arr
     value_low, value_high = polynomial(coefficients, low), polynomial(coefficients, high)
     changes = (value_low < 0) != (value_high < 0)
     rising = jnp.where(value_high > value_low, 1, -1).astype(low.dtype)
-    # `solve_increasing` measures residuals against |target| and |x|: shift by one so that neither is near zero.
-    roots, _ = solve_increasing(
+    # `solve_bracketed` measures residuals against |target| and |x|: shift by one so that neither is near zero.
+    roots = solve_bracketed(
         lambda t: 1 + rising * polynomial(coefficients, t),
         jnp.ones_like(low),
         0.5 * (low + high),

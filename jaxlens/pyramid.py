@@ -1,6 +1,7 @@
 """Image pyramids and pixel footprints, for sampling where a map shrinks the image."""
 
-import equinox as eqx
+from typing import NamedTuple
+
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
@@ -9,7 +10,7 @@ from jaxtyping import Array, Float, Int
 from jaxlens.numerics import split
 
 
-class Pyramid(eqx.Module):
+class Pyramid(NamedTuple):
     """An image and its halvings, one after another in memory, so that each point can read at a level of its own.
 
     Attributes:
@@ -20,9 +21,9 @@ class Pyramid(eqx.Module):
     """
 
     pixels: Float[Array, "pixels channels"]
-    offsets: Int[np.ndarray, " levels"] = eqx.field(static=True)
-    heights: Int[np.ndarray, " levels"] = eqx.field(static=True)
-    widths: Int[np.ndarray, " levels"] = eqx.field(static=True)
+    offsets: Int[np.ndarray, " levels"]
+    heights: Int[np.ndarray, " levels"]
+    widths: Int[np.ndarray, " levels"]
 
 
 def build_pyramid(image: Float[Array, "height width channels"]) -> Pyramid:

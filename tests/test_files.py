@@ -41,6 +41,12 @@ def test_file_appears_only_when_the_block_ends(tmp_path):
     assert listing(tmp_path) == ["result.csv"]
 
 
+def write_half(path, failure):
+    with atomic_write(path, overwrite=True) as temporary:
+        temporary.write_text("half")
+        raise failure
+
+
 @pytest.mark.parametrize("failure", [ValueError, OSError, KeyboardInterrupt, SystemExit])
 @pytest.mark.parametrize("existing", [False, True])
 def test_failure_leaves_everything_as_it_was(tmp_path, failure, existing):
@@ -48,9 +54,8 @@ def test_failure_leaves_everything_as_it_was(tmp_path, failure, existing):
     if existing:
         path.write_text("old")
     before = listing(tmp_path)
-    with pytest.raises(failure), atomic_write(path, overwrite=True) as temporary:
-        temporary.write_text("half")
-        raise failure
+    with pytest.raises(failure):
+        write_half(path, failure)
     assert listing(tmp_path) == before
     assert not existing or path.read_text() == "old"
 
@@ -58,13 +63,9 @@ def test_failure_leaves_everything_as_it_was(tmp_path, failure, existing):
 def test_existing_file_is_kept_without_overwrite(tmp_path):
     path = tmp_path / "result.csv"
     path.write_text("old")
-    ran = False
-    with (
-        pytest.raises(FileExistsError, match=r"result\.csv' exists; pass overwrite=True"),
-        atomic_write(path),
-    ):
-        ran = True
-    assert not ran
+    writing = atomic_write(path)
+    with pytest.raises(FileExistsError, match=r"result\.csv' exists; pass overwrite=True"):
+        writing.__enter__()
     assert path.read_text() == "old"
     assert listing(tmp_path) == ["result.csv"]
 

@@ -1,8 +1,8 @@
 """Pictures as files: read with all that must be kept, written whole or not at all.
 
 This is the edge of the library: NumPy arrays and files, no JAX. Nothing heavy is imported before a file is
-read or written. imageio (over Pillow and tifffile) writes; see `jaxlens.images.reading` for why reading goes
-to Pillow, tifffile and imagecodecs directly.
+read or written. imageio writes what it can carry; `jaxlens.images.reading` says why reading goes to Pillow,
+tifffile and imagecodecs directly.
 """
 
 from jaxlens.images.picture import DEFAULT_MAX_PIXELS as DEFAULT_MAX_PIXELS

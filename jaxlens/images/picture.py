@@ -8,6 +8,9 @@ import numpy as np
 DEFAULT_MAX_PIXELS = 200_000_000
 """Largest picture read unless told otherwise, in pixels (height × width): 0.8 GB as 8-bit RGBA."""
 
+PNG_COMPRESSION_LEVEL = 4
+"""Of zlib's 0 to 9: on photographs twice as fast as its default, 6, for files 5 % larger."""
+
 
 class ImageError(ValueError):
     """A picture file could not be read or written; the message says why and what to do."""

@@ -17,7 +17,7 @@ import numpy as np
 from PIL import Image, ImageFile
 
 from jaxlens.images.exif import reset_orientation, strip_prefix
-from jaxlens.images.picture import ImageError, PictureMetadata, check_size
+from jaxlens.images.picture import PNG_COMPRESSION_LEVEL, ImageError, PictureMetadata, check_size
 
 # Called directly, not through Image.open: only the decoder meant is tried, and Pillow's own limit, a global
 # that warns at 89 megapixels, does not come before ours.
@@ -31,7 +31,7 @@ _READERS = {
 }
 _DIRECT_MODES = ("L", "LA", "RGB", "RGBA")
 _PNM_SPACE = rb"(?:\s|#[^\n]*\n)+"
-_PNM_COLOUR = re.compile(rb"P[36]" + 2 * (_PNM_SPACE + rb"\d+") + _PNM_SPACE + rb"(\d+)")
+_PNM_COLOUR_HEADER = re.compile(rb"P[36]" + 2 * (_PNM_SPACE + rb"\d+") + _PNM_SPACE + rb"(\d+)")
 
 
 def read_with_pillow(file: BinaryIO, format: str, max_pixels: int) -> tuple[np.ndarray, PictureMetadata, int]:
@@ -76,7 +76,7 @@ def encode_png16(pixels: np.ndarray, metadata: PictureMetadata) -> bytes:
     """
     import imagecodecs
 
-    encoded = bytes(imagecodecs.png_encode(pixels, level=6))
+    encoded = bytes(imagecodecs.png_encode(pixels, level=PNG_COMPRESSION_LEVEL))
     chunks = b""
     if metadata.icc_profile:
         chunks += _png_chunk(b"iCCP", b"ICC profile\0\0" + zlib.compress(metadata.icc_profile))
@@ -142,6 +142,8 @@ def _pixels(image: Image.Image, file: BinaryIO, format: str) -> np.ndarray:
 def _png_is_deep_colour(file: BinaryIO) -> bool:
     file.seek(0)
     header = file.read(26)
+    if header[12:16] != b"IHDR":
+        raise ImageError("its header is not where PNG wants it; make the file anew")
     depth, colour_type = header[24], header[25]
     return depth == 16 and colour_type != 0
 
@@ -156,8 +158,13 @@ def _decode_png(file: BinaryIO) -> np.ndarray:
 
 def _refuse_deep_colour_pnm(file: BinaryIO) -> None:
     file.seek(0)
-    match = _PNM_COLOUR.match(file.read(4096))
-    if match and int(match[1]) > 255:
+    head = file.read(4096)
+    if head[:2] not in (b"P3", b"P6"):
+        return
+    match = _PNM_COLOUR_HEADER.match(head)
+    if match is None:
+        raise ImageError("its header is malformed, or longer than 4096 bytes; make the file anew")
+    if int(match[1]) > 255:
         raise ImageError(
             f"it is a colour PPM with values up to {int(match[1])}, which would be cut to 8 bits; "
             "convert it to 16-bit PNG or TIFF"

@@ -137,6 +137,8 @@ def _decode(file: BinaryIO, path: Path, max_pixels: int) -> Picture:
 def _reason(error: Exception) -> str:
     if isinstance(error, Warning):  # raised where the user made warnings errors
         return str(error)
+    if isinstance(error, ImportError):
+        return f"{error}; install that package"
     if isinstance(error, PermissionError):
         return "you may not read it; change its permissions"
     if isinstance(error, OSError) and error.errno is not None:

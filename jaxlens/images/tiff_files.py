@@ -1,31 +1,44 @@
 """TIFF, read and written by tifffile: Pillow knows neither 16-bit nor float colour."""
 
+import io
 import math
 import struct
 import warnings
-from typing import TYPE_CHECKING, Any, BinaryIO
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal, cast
 
 import numpy as np
 
+from jaxlens.images.directories import (
+    EXIF_DIRECTORY,
+    GPS_DIRECTORY,
+    Entry,
+    build_exif,
+    lay_out,
+    parse_exif,
+    read_directory,
+)
+from jaxlens.images.exif import reset_orientation, strip_prefix
 from jaxlens.images.picture import ImageError, PictureMetadata, check_size
 from jaxlens.images.pillow_files import checked_dpi
 
 if TYPE_CHECKING:
-    from PIL.Image import Exif
     from tifffile import TiffFile, TiffPage
 
-# Each of these stops at the size the header declares, whatever the compressed bytes would unfold to. JPEG in
-# TIFF has a header of its own, and LZMA a dictionary of any size: both could ask for gigabytes.
+# imagecodecs' decoder of each of these stops at the size the header declares, whatever the compressed bytes would
+# unfold to. JPEG in TIFF has a header of its own, and LZMA a dictionary of any size: both could ask for gigabytes.
 _COMPRESSIONS = {1: "none", 5: "LZW", 8: "Deflate", 32946: "Deflate", 32773: "PackBits", 50000: "Zstandard"}
+_NO_COMPRESSION = 1
 _MINISWHITE, _MINISBLACK, _RGB, _PALETTE = 0, 1, 2, 3
 _STRAIGHT_ALPHA = 2
 _DNG_VERSION = 50706
+_ORIENTATION = 274
 # Tags that change what the pixels are; tifffile goes on without those it cannot read.
-_PIXEL_TAGS = frozenset([256, 257, 258, 259, 262, 266, 273, 277, 278, 279, 284, 317, 320, *range(322, 326), 338, 339])
-# Descriptive tags: Make, Model, Software, DateTime, Artist, HostComputer, Copyright. ImageDescription is left
-# out: in TIFF it is where programs put descriptions of the array, which a warp would make false.
-_TEXT_TAGS = (271, 272, 305, 306, 315, 316, 33432)
-_ORIENTATION, _EXIF_DIRECTORY, _GPS_DIRECTORY, _INTEROP_DIRECTORY = 274, 34665, 34853, 40965
+_PIXEL_TAGS = frozenset([256, 257, 258, 259, 262, 266, 273, 277, 278, 279, 284, 317, 320, 322, 323, 324, 325, 338, 339])
+# Tags of EXIF in a TIFF: Make, Model, Orientation, Software, DateTime, Artist, HostComputer, Copyright.
+# ImageDescription is left out: in TIFF it is where programs put descriptions of the array, which a warp would
+# make false.
+_KEPT_TAGS = (271, 272, _ORIENTATION, 305, 306, 315, 316, 33432, EXIF_DIRECTORY, GPS_DIRECTORY)
 
 
 def read_tiff(file: BinaryIO, max_pixels: int) -> tuple[np.ndarray, PictureMetadata, int]:
@@ -51,17 +64,20 @@ def read_tiff(file: BinaryIO, max_pixels: int) -> tuple[np.ndarray, PictureMetad
         _check_tags(tiff, page)
         _check_kind(page)
         _check_complete(page, tiff.filehandle.size)
+        if page.compression != _NO_COMPRESSION:
+            # Its decoders stop at the declared size; what tifffile puts in their place, where it can, does not.
+            import_module("imagecodecs")
         if _has_second_picture(tiff):
             warnings.warn("the file holds several pictures; only the first is read", stacklevel=4)
         pixels = _pixels(page)
-        orientation = int(page.tags.valueof(_ORIENTATION, 1))
+        orientation = page.tags.valueof(_ORIENTATION, 1)
         metadata = PictureMetadata(
-            exif=None if tiff.is_bigtiff else _read_exif(file),
+            exif=None if tiff.is_bigtiff else _read_exif(file, tiff.byteorder, page.offset),
             icc_profile=page.iccprofile or None,
             dpi=_read_dpi(page),
             format="TIFF",
         )
-    return pixels, metadata, orientation if 1 <= orientation <= 8 else 1
+    return pixels, metadata, orientation if orientation in range(1, 9) else 1
 
 
 def write_tiff(file: BinaryIO, pixels: np.ndarray, metadata: PictureMetadata) -> None:
@@ -72,10 +88,12 @@ def write_tiff(file: BinaryIO, pixels: np.ndarray, metadata: PictureMetadata) ->
         pixels: `(height, width)` or `(height, width, 2 to 4)`.
         metadata: EXIF, profile and resolution to put in.
     """
-    import imageio.v3 as iio
+    import tifffile
 
     channels = 1 if pixels.ndim == 2 else pixels.shape[-1]
-    exif = _parse_exif(metadata.exif)
+    order, entries = _exif_entries(metadata.exif)
+    # Offsets in a plain TIFF have 32 bits; some room is left for what is not pixels. BigTIFF gets no EXIF.
+    large = pixels.nbytes > 2**32 - 2**25
     options: dict[str, Any] = {
         "photometric": "rgb" if channels >= 3 else "minisblack",
         "planarconfig": "contig" if channels > 1 else None,
@@ -84,16 +102,17 @@ def write_tiff(file: BinaryIO, pixels: np.ndarray, metadata: PictureMetadata) ->
         # Differences of neighbours compress integers well; for floats it is an extension few readers know.
         "predictor": pixels.dtype.kind in "ui",
         "iccprofile": metadata.icc_profile,
-        "extratags": _text_tags(exif) + [(tag, 4, 1, 0, True) for tag in _directories(exif)],
         # No date, no name of the writer, no description: equal pictures make equal files.
         "metadata": None,
         "software": False,
     }
     if metadata.dpi:
         options |= {"resolution": metadata.dpi, "resolutionunit": "inch"}
-    iio.imwrite(file, pixels, plugin="tifffile", extension=".tif", **options)
-    if exif is not None:
-        _append_directories(file, exif)
+    # The EXIF's byte order is taken over, for its values are copied as they are. imageio cannot hand it on.
+    with tifffile.TiffWriter(file, byteorder=order, bigtiff=large) as writer:
+        writer.write(pixels, **options)
+    if entries and not large:
+        _add_entries(file, order, entries)
 
 
 def _check_tags(tiff: "TiffFile", page: "TiffPage") -> None:
@@ -102,9 +121,8 @@ def _check_tags(tiff: "TiffFile", page: "TiffPage") -> None:
     handle.seek(page.offset)
     (count,) = struct.unpack(layout.tagnoformat, handle.read(layout.tagnosize))
     entries = handle.read(count * layout.tagsize)
-    codes = {
-        struct.unpack_from(layout.byteorder + "H", entries, at)[0] for at in range(0, len(entries), layout.tagsize)
-    }
+    starts = range(0, len(entries), layout.tagsize)
+    codes = {struct.unpack_from(layout.byteorder + "H", entries, start)[0] for start in starts}
     lost = sorted(code for code in codes & _PIXEL_TAGS if code not in page.tags)
     if lost:
         raise ImageError(f"its tags {lost} are damaged or cut off; make the file anew")
@@ -150,7 +168,7 @@ def _check_complete(page: "TiffPage", file_size: int) -> None:
 
 def _has_second_picture(tiff: "TiffFile") -> bool:
     try:
-        return not tiff.pages.get(1, aspage=True).is_reduced
+        return not cast("TiffPage", tiff.pages.get(1)).is_reduced
     except IndexError:
         return False
 
@@ -185,67 +203,37 @@ def _read_dpi(page: "TiffPage") -> tuple[float, float] | None:
         return None
 
 
-def _read_exif(file: BinaryIO) -> bytes | None:
+def _read_exif(file: BinaryIO, order: str, offset: int) -> bytes | None:
     """Gather the descriptive tags and the EXIF and GPS directories into an EXIF block of their own."""
-    from PIL.Image import Exif
-
-    exif = Exif()
     try:
-        file.seek(0)
-        exif.load_from_fp(file)
-        kept = set(exif) & {*_TEXT_TAGS, _EXIF_DIRECTORY, _GPS_DIRECTORY}
-        for tag in set(exif) - kept:
-            del exif[tag]
-        return exif.tobytes().removeprefix(b"Exif\0\0") if kept else None
-    except Exception as error:
+        entries = read_directory(file, order, offset)
+    except ValueError as error:
         # Pixels are what is asked for: a bad note beside them is no reason to refuse them.
-        warnings.warn(f"the file's EXIF is damaged and left out ({error})", stacklevel=4)
+        warnings.warn(f"the EXIF is damaged and left out ({error})", stacklevel=5)
         return None
+    kept = [entry for entry in entries if entry.tag in _KEPT_TAGS]
+    return reset_orientation(build_exif(kept, order))[1] if kept else None
 
 
-def _parse_exif(block: bytes | None) -> "Exif | None":
+def _exif_entries(block: bytes | None) -> tuple[Literal["<", ">"], list[Entry]]:
+    """Entries of an EXIF block that a TIFF takes over, with their byte order; a damaged block has none."""
     if not block:
-        return None
-    from PIL.Image import Exif
-
-    exif = Exif()
+        return "<", []
     try:
-        exif.load(block)
-    except Exception as error:
-        raise ImageError(f"its EXIF is damaged ({error}); pass metadata without it") from error
-    return exif
+        order, entries = parse_exif(strip_prefix(block))
+    except ValueError as error:
+        warnings.warn(f"the EXIF is damaged and left out ({error})", stacklevel=5)
+        return "<", []
+    return order, [entry for entry in entries if entry.tag in _KEPT_TAGS]
 
 
-def _text_tags(exif: "Exif | None") -> list[tuple[int, int, int, bytes, bool]]:
-    found = [(tag, exif[tag]) for tag in _TEXT_TAGS if tag in exif] if exif is not None else []
-    # Pillow hands text out as latin-1, so this gives the bytes that were in the block.
-    return [(tag, 2, 0, str(text).encode("latin-1", "replace"), True) for tag, text in found if text]
-
-
-def _directories(exif: "Exif | None") -> list[int]:
-    candidates = (_EXIF_DIRECTORY, _GPS_DIRECTORY)
-    return [tag for tag in candidates if exif is not None and exif.get_ifd(tag)]
-
-
-def _append_directories(file: BinaryIO, exif: "Exif") -> None:
-    """Put the EXIF and GPS directories at the end of a written file, and point their tags at them.
-
-    tifffile writes tags with values only; Pillow lays out a directory for a given place in a file.
-    """
-    from PIL.TiffImagePlugin import ImageFileDirectory_v2
-    from tifffile import TiffFile
-
-    with TiffFile(file, mode="r+") as tiff:
-        for tag in _directories(exif):
-            entries = dict(exif.get_ifd(tag))
-            if _INTEROP_DIRECTORY in entries:
-                entries[_INTEROP_DIRECTORY] = exif.get_ifd(_INTEROP_DIRECTORY)
-            directory = ImageFileDirectory_v2(
-                b"II*\0\x08\0\0\0" if tiff.byteorder == "<" else b"MM\0*\0\0\0\x08", group=tag
-            )
-            for code, value in entries.items():
-                directory[code] = value
-            offset = file.seek(0, 2)
-            offset += file.write(b"\0" * (offset % 2))  # directories begin at even bytes
-            file.write(directory.tobytes(offset))
-            tiff.pages.first.tags[tag].overwrite(offset)
+def _add_entries(file: BinaryIO, order: str, entries: list[Entry]) -> None:
+    """Give a written TIFF more entries, by a new main directory at its end; tifffile would not write them."""
+    file.seek(4)
+    (first,) = struct.unpack(order + "I", file.read(4))
+    present = read_directory(file, order, first)
+    end = file.seek(0, io.SEEK_END)
+    end += file.write(b"\0" * (end % 2))  # directories begin at even offsets
+    file.write(lay_out([*present, *entries], order, end))
+    file.seek(4)
+    file.write(struct.pack(order + "I", end))

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from jaxlens.files import atomic_write
 from jaxlens.images.picture import (
     FORMATS,
+    PNG_COMPRESSION_LEVEL,
     WRITABLE_SUFFIXES,
     FileFormat,
     ImageError,
@@ -45,8 +46,9 @@ def write_image(
     | .pnm | as .pgm, .ppm | 1, 3 |
 
     PNG, JPEG, WebP and TIFF carry EXIF, profile and (not WebP) resolution; BMP carries the resolution, the
-    others nothing. A profile for another number of colours than the pixels have is left out. PNG, TIFF and,
-    without `quality`, WebP are lossless, and equal pictures make equal files.
+    others nothing; a BigTIFF (pixels beyond 4 GB) carries no EXIF. An orientation in the EXIF is written as it is.
+    A profile for another number of colours than the pixels have is left out. PNG, TIFF and,
+    without `quality`, WebP are lossless. Equal pictures make equal files, with equal versions of the encoders.
 
     The file is written beside its place and renamed when complete (`jaxlens.files.atomic_write`).
 
@@ -161,7 +163,7 @@ def _encode(
     else:
         import imageio.v3 as iio
 
-        options = _carried(known, metadata) | _quality_options(known, quality)
+        options = _carried(known, metadata) | _encoder_options(known, quality)
         iio.imwrite(file, pixels, plugin="pillow", extension=suffix, is_batch=False, **options)
 
 
@@ -179,7 +181,7 @@ def _carried(known: FileFormat, metadata: PictureMetadata) -> dict[str, Any]:
     return options
 
 
-def _quality_options(known: FileFormat, quality: int | None) -> dict[str, Any]:
+def _encoder_options(known: FileFormat, quality: int | None) -> dict[str, Any]:
     if known.name == "JPEG":
         quality = _JPEG_QUALITY if quality is None else quality
         return {
@@ -189,6 +191,8 @@ def _quality_options(known: FileFormat, quality: int | None) -> dict[str, Any]:
     if known.name == "WebP":
         # exact: colours under transparent pixels are kept, as in the other formats.
         return {"lossless": True, "exact": True} if quality is None else {"quality": quality}
+    if known.name == "PNG":
+        return {"compress_level": PNG_COMPRESSION_LEVEL}
     return {}
 
 

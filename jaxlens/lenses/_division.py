@@ -1,10 +1,10 @@
 """The division model of Eq. 5: one coefficient, both directions in closed form."""
 
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Float, Int8
 
 from jaxlens.lenses._lens import RadialLens
-from jaxlens.maps import Inverse, InverseStatus, inverse_status
+from jaxlens.maps import inverse_status
 from jaxlens.numerics import as_floating, epsilon
 
 
@@ -48,22 +48,14 @@ class Division(RadialLens):
         bounded = self.k != 0
         return jnp.where(bounded, 1 / jnp.sqrt(jnp.where(bounded, jnp.abs(self.k), 1)), jnp.inf)
 
-    def invert(self, points: Float[ArrayLike, "*batch 2"]) -> Inverse:
-        """Maps observed points to ideal ones by Eq. 5 itself.
-
-        Args:
-            points: `(..., 2)` observed points.
-
-        Returns:
-            An `Inverse`. For k < 0 a point beyond `edge_radius` gets the point of the fold on its ray; for k > 0,
-            where the ideal radius grows without bound towards the edge, a very distant point on its ray.
-        """
-        x, y, finite = self.finite_offset(points)
-        squared = self.k * (x * x + y * y)
+    def _ideal_scale(self, squared: Float[Array, "*batch"]) -> tuple[Float[Array, "*batch"], Int8[Array, "*batch"]]:
+        # Eq. 5 itself. For k > 0 the ideal radius grows without bound towards the edge: beyond it stands a very
+        # distant point.
+        finite = squared <= jnp.finfo(squared.dtype).max
+        squared = self.k * jnp.where(finite, squared, 0)
         inside = jnp.where(self.k > 0, squared < 1, squared >= -1)
         smallest = epsilon(squared.dtype)
         scale = 1 / jnp.maximum(jnp.where(inside, 1 - squared, 1), smallest)
         on_the_fold = 0.5 / jnp.sqrt(jnp.where(inside, 1, jnp.abs(squared)))
         scale = jnp.where(inside, scale, jnp.where(self.k > 0, 1 / smallest, on_the_fold))
-        status = inverse_status(finite, inside, jnp.ones_like(inside))
-        return Inverse(self.scaled(x, y, scale), status == InverseStatus.CONVERGED, status)
+        return scale, inverse_status(finite, inside, jnp.ones_like(inside))

@@ -2,9 +2,10 @@
 
 import abc
 
+import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, ArrayLike, Bool, Float, Int8
 
 from jaxlens.maps import CoordinateMap, Inverse, InverseStatus, inverse_status
 from jaxlens.newton import derivatives, implicit_root, solve_increasing
@@ -22,9 +23,10 @@ class Lens(CoordinateMap):
         """Is `distort`."""
         return self.distort(points)
 
+    @jax.jit
     def undistort(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2"]:
         """Maps observed points `(..., 2)` to ideal ones, exactly; NaN where there is none (see `invert`)."""
-        return self.invert(points).masked()
+        return self.preimages(points)
 
 
 class RadialLens(Lens):
@@ -44,11 +46,13 @@ class RadialLens(Lens):
     def fold_radius(self) -> Float[Array, ""]:
         """Returns the ideal radius, from the centre of distortion, at which the lens stops being one-to-one; ∞ if never."""
 
+    @jax.jit
     def distort(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2"]:
         """Maps ideal points `(..., 2)` to observed ones, beyond the fold radius too."""
         x, y = self.offset(points)
         return self.scaled(x, y, self.factor(x * x + y * y))
 
+    @jax.jit
     def one_to_one(self, points: Float[ArrayLike, "*batch 2"]) -> Bool[Array, "*batch"]:
         """Whether ideal points lie within the fold radius."""
         x, y = self.offset(points)
@@ -58,14 +62,6 @@ class RadialLens(Lens):
         """Returns the x and y of points from the centre of distortion."""
         x, y = split(as_points(points))
         return x - self.center[0], y - self.center[1]
-
-    def finite_offset(
-        self, points: Float[ArrayLike, "*batch 2"]
-    ) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"], Bool[Array, "*batch"]]:
-        """Is `offset` with zero in place of what is not finite (or whose square is not), and where that was."""
-        x, y = self.offset(points)
-        finite = jnp.isfinite(x * x + y * y)
-        return jnp.where(finite, x, 0), jnp.where(finite, y, 0), finite
 
     def scaled(
         self, x: Float[Array, "*batch"], y: Float[Array, "*batch"], factor: Float[Array, "*batch"]
@@ -79,6 +75,7 @@ class RadialLens(Lens):
         folds = jnp.isfinite(fold)
         return jnp.where(folds, self._radius(jnp.where(folds, fold, 0)), jnp.inf)
 
+    @jax.jit
     def invert(self, points: Float[ArrayLike, "*batch 2"]) -> Inverse:
         """Finds the ideal points of observed ones: solves ρ Φ(ρ²) = r for each, within the fold radius.
 
@@ -91,40 +88,82 @@ class RadialLens(Lens):
             order with respect to points and parameters follow from the implicit function theorem, finite at the
             centre and in masked places (at the fold itself the true derivative is infinite).
         """
-        x, y, finite = self.finite_offset(points)
-        squared = x * x + y * y
-        fold, edge = self.fold_radius(), self.edge_radius()
-        radius = jnp.sqrt(lax.stop_gradient(squared))
-        inside = radius <= lax.stop_gradient(edge)
+        x, y = self.offset(points)
+        scale, status = self._ideal_scale(_squared_radius(x, y))
+        finite = status != InverseStatus.NOT_FINITE
+        points = self.scaled(jnp.where(finite, x, 0), jnp.where(finite, y, 0), scale)
+        return Inverse(points, status == InverseStatus.CONVERGED, status)
 
-        ideal, converged = lax.stop_gradient(self)._solve(radius, fold, edge)
-        # In squared radii, q Φ(q)² = s, nothing is singular at the centre.
-        solution = implicit_root(_squared_residual, ideal * ideal, (self, squared))
-        clamped = fold / jnp.sqrt(jnp.where(inside, 1, squared))
-        scale = jnp.where(inside, 1 / self.factor(jnp.where(inside, solution, 0)), clamped)
-        status = inverse_status(finite, inside, converged)
-        return Inverse(self.scaled(x, y, scale), status == InverseStatus.CONVERGED, status)
+    @jax.jit
+    def preimages(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2"]:
+        """Returns the points of `invert`, NaN where they are not valid."""
+        x, y = self.offset(points)
+        scale, status = self._ideal_scale(_squared_radius(x, y))
+        # The mask travels as NaN in the one scale: computing it again for both coordinates would cost more than all
+        # the rest. Where it is NaN the product is formed with zero, for the sake of its derivative.
+        scale = jnp.where(status == InverseStatus.CONVERGED, scale, jnp.nan)
+        valid = scale == scale
+        x, y = split(self.scaled(x, y, jnp.where(valid, scale, 0)))
+        return join(jnp.where(valid, x, jnp.nan), jnp.where(valid, y, jnp.nan))
+
+    def radius_and_slope(self, radius: Float[Array, "*batch"]) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
+        """Returns the observed radius of ideal radii, ρ Φ(ρ²), and its derivative."""
+        return jax.jvp(self._radius, (radius,), (jnp.ones_like(radius),))
 
     def _radius(self, radius: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
-        """The observed radius of ideal radii: ρ Φ(ρ²)."""
         return radius * self.factor(radius * radius)
 
+    def _ideal_scale(self, squared: Float[Array, "*batch"]) -> tuple[Float[Array, "*batch"], Int8[Array, "*batch"]]:
+        """The ratio of ideal to observed radius at squared observed radii, and the `InverseStatus`; ∞ is not finite."""
+        finite = squared <= jnp.finfo(squared.dtype).max
+        squared = jnp.where(finite, squared, 0)
+        fold, edge = self.fold_radius(), self.edge_radius()
+        inside = squared <= lax.stop_gradient(edge) ** 2
+        found, converged = lax.stop_gradient(self)._solve(squared, fold, edge)
+        # In squared radii, q Φ(q)² = s, nothing is singular at the centre.
+        solution = implicit_root(_squared_residual, found * found, (self, squared))
+        # A point beyond the edge goes to the fold on its own ray.
+        scale = jnp.where(inside, 1, fold) / jnp.where(
+            inside, self.factor(jnp.where(inside, solution, 0)), jnp.sqrt(jnp.where(inside, 1, squared))
+        )
+        return scale, inverse_status(finite, inside, converged)
+
     def _solve(
-        self, radius: Float[Array, "*batch"], fold: Float[Array, ""], edge: Float[Array, ""]
+        self, squared: Float[Array, "*batch"], fold: Float[Array, ""], edge: Float[Array, ""]
     ) -> tuple[Float[Array, "*batch"], Bool[Array, "*batch"]]:
-        """Solves ρ Φ(ρ²) = r, without derivatives, for radii up to the edge; the rest get the fold."""
+        """Solves ρ Φ(ρ²) = √s, without derivatives, for s up to the edge; the rest get the fold."""
+        squared, fold, edge = lax.stop_gradient((squared, fold, edge))
         folds = jnp.isfinite(fold)
         fold_safe, edge_safe = jnp.where(folds, fold, 1), jnp.where(folds, edge, 1)
-        target = jnp.minimum(radius, edge)
         # Near the fold r ≈ edge − C (fold − ρ)²: a cubic in √(1 − r / edge) that agrees with the solution to first
         # order at both ends lets Newton start within its fast region up to the fold itself.
         curvature = -0.5 * derivatives(self._radius, fold_safe)[2]
         bend = jnp.sqrt(edge_safe / jnp.maximum(curvature, 0.25 * edge_safe / fold_safe**2)) / fold_safe
         slope = 3 - 2 * bend - 2 * edge_safe / fold_safe
-        root = jnp.sqrt(jnp.maximum(1 - target / edge_safe, 0))
-        start = fold_safe * (1 - root * (bend + root * (slope + root * (1 - bend - slope))))
-        start = jnp.where(folds, jnp.clip(start, 0, fold_safe), target)
-        return solve_increasing(self._radius, target, start, jnp.zeros_like(fold), fold)
+
+        def start(radius):
+            root = jnp.sqrt(jnp.maximum(1 - radius / edge_safe, 0))
+            share = 1 - root * (bend + root * (slope + root * (1 - bend - slope)))
+            return jnp.where(folds, fold_safe * jnp.clip(share, 0, 1), radius)
+
+        return solve_increasing(self.radius_and_slope, jnp.sqrt(jnp.minimum(squared, edge * edge)), start, fold)
+
+
+@jax.custom_jvp
+def _squared_radius(x: Array, y: Array) -> Array:
+    """`x² + y²`, or ∞ where that is not finite."""
+    squared = x * x + y * y
+    # A comparison, because XLA would rather write a plane to memory than compute `isfinite` twice.
+    return jnp.where(squared <= jnp.finfo(squared.dtype).max, squared, jnp.inf)
+
+
+@_squared_radius.defjvp
+def _squared_radius_jvp(primals, tangents):
+    x, y = primals
+    squared = _squared_radius(x, y)
+    finite = squared < jnp.inf
+    x, y = jnp.where(finite, x, 0), jnp.where(finite, y, 0)
+    return squared, 2 * (x * tangents[0] + y * tangents[1])
 
 
 def _squared_residual(squared_ideal: Array, parameters: tuple[RadialLens, Array]) -> Array:

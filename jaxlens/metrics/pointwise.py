@@ -228,7 +228,8 @@ def _minkowski(reference: Array, image: Array, mask: Array | None, p: RealScalar
     total = jnp.sum(jnp.where(nonzero, jnp.where(nonzero, error / unit, 1) ** exponent, 0))
     vanishes = total == 0
     distance = jnp.where(vanishes, 0, unit * jnp.where(vanishes, 1, total) ** (1 / exponent))
-    distance = jnp.where(jnp.isinf(p), largest, distance)
+    # Written so that where nothing differs the derivative is 0, and not shared by all samples.
+    distance = jnp.where(jnp.isinf(p), jnp.where(largest == 0, 0, largest), distance)
     return jnp.where((both.samples > 0) & (p > 0), distance, jnp.nan)
 
 

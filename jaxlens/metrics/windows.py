@@ -59,8 +59,8 @@ def compare_windows(
     window from its middle row, so a small texture on a large offset keeps its digits in float32.
 
     Args:
-        comparison: a function at module level, `comparison(statistics, *parameters)`, of `LocalStatistics` and
-            scalars; it returns planes, element by element, and is written with operators and `lax`.
+        comparison: a function at module level, `comparison(statistics, *parameters)`, of `LocalStatistics`
+            and scalars; it returns planes, element by element, and is written with operators and `lax`.
         x: the first image.
         y: the second image.
         kernel: the weights along one side, with a sum of 1.

@@ -1,0 +1,3 @@
+"""The command line: one file a command, and nothing heavy imported before the arguments are good."""
+
+from jaxlens.cli.entry import main as main

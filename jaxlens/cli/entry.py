@@ -1,0 +1,169 @@
+"""The way in and out of every command: arguments to a command, exceptions to exit codes.
+
+| exit code | meaning |
+|---|---|
+| 0 | done |
+| 1 | something failed at work; of many pictures, the others are done |
+| 2 | the arguments are wrong; nothing was begun |
+| 130 | interrupted, or (143, 129) told to end; nothing is left half-written |
+| 141 | whoever read the output has stopped reading |
+"""
+
+import contextlib
+import os
+import signal
+import sys
+import warnings
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from typing import Any, NoReturn
+
+from jaxlens.cli.errors import CommandError
+from jaxlens.cli.messages import say
+
+COMMANDS = ("sweep", "distort", "undistort", "compare")
+"""In the order of the help; each is a module here with `Arguments`, `HELP` and `run`."""
+
+_HELP = """Lenses for pictures: apply a lens, remove it, compare, run the experiments.
+
+Examples:
+  jaxlens undistort photo.jpg --kappa -0.2 0.05 --output straight.jpg
+  jaxlens distort photos/ --kappa 0.3 --output distorted/ --crop
+  jaxlens compare photo.jpg straight.jpg
+  jaxlens sweep experiments/table1.toml
+  jaxlens distort --help
+  jaxlens --version"""
+_INTERRUPTED = 130
+_BROKEN_PIPE = 141
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the command line.
+
+    Args:
+        arguments: What follows the program's name. Without them those of the process are taken, and the process
+            is made the command's own: its libraries' noise is silenced, and a signal to end cleans up first.
+
+    Returns:
+        The exit code, see above. Messages go to stderr, results to stdout; no exception leaves.
+    """
+    try:
+        own = arguments is None
+        if own:
+            _own_process()
+        code = _dispatch(sys.argv[1:] if arguments is None else list(arguments), own)
+        if sys.stdout is not None:
+            # Here, where a failure still gets a message.
+            sys.stdout.flush()
+        return code
+    except KeyboardInterrupt:
+        say("interrupted")
+        return _INTERRUPTED
+    except BrokenPipeError:
+        _abandon_stdout()
+        return _BROKEN_PIPE
+    except CommandError as error:
+        say(str(error))
+        return error.exit_code
+    except MemoryError:
+        say("not enough memory; try smaller pictures")
+        return 1
+    except Exception as error:
+        if os.environ.get("JAXLENS_TRACEBACK"):
+            raise
+        say(
+            f"unexpected {type(error).__name__}: {error}\n"
+            "This is a fault of jaxlens. Please report what it prints when run again with JAXLENS_TRACEBACK=1."
+        )
+        return 1
+
+
+def _dispatch(arguments: list[str], own: bool) -> int:
+    if arguments == ["--version"]:
+        print(f"jaxlens {_version()}")  # noqa: T201
+        return 0
+    try:
+        run, parsed = _parse(arguments)
+    except SystemExit as end:
+        return end.code if isinstance(end.code, int) else 2
+    if own:
+        _silence_libraries()
+    return run(parsed)
+
+
+def _parse(arguments: list[str]) -> tuple[Callable[[Any], int], Any]:
+    """Returns the command's function and its arguments.
+
+    Raises:
+        SystemExit: the help was asked for (0) or the arguments are wrong (2); what there is to say is said.
+    """
+    import tyro
+
+    config = (tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff)
+    if arguments and arguments[0] in COMMANDS:
+        # Only the command that is meant is imported and explained.
+        name, *rest = arguments
+        command = _command(name)
+        parsed = tyro.cli(command.Arguments, prog=f"jaxlens {name}", description=command.HELP, args=rest, config=config)
+        return command.run, parsed
+    tyro.extras.subcommand_cli_from_dict(
+        {name: _command(name).Arguments for name in COMMANDS},
+        prog="jaxlens",
+        description=_HELP,
+        args=arguments,
+        config=config,
+    )
+    _not_a_command(arguments)
+
+
+def _not_a_command(arguments: list[str]) -> NoReturn:
+    say(f"a command comes first ({', '.join(COMMANDS)}), got {arguments[:1]}; see jaxlens --help")
+    raise SystemExit(2)
+
+
+def _command(name: str) -> Any:
+    return import_module(f"jaxlens.cli.{name}")
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("jaxlens")
+    except PackageNotFoundError:
+        return "(run from its source, not installed)"
+
+
+def _own_process() -> None:
+    """Sets what a library must not touch, but a program may."""
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+    # A program that warps a picture has no business with three quarters of a shared accelerator's memory.
+    os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")
+    if sys.stdout is not None:
+        # Help and tables hold Greek letters, and terminals there are that do not.
+        sys.stdout.reconfigure(errors="replace")  # pyright: ignore[reportAttributeAccessIssue]
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        # A signal that is ignored (nohup) stays so.
+        if number is not None and signal.getsignal(number) == signal.SIG_DFL:
+            signal.signal(number, _end)
+
+
+def _silence_libraries() -> None:
+    """Keeps from stderr the log lines that nobody asked for: what people must know, the commands say."""
+    import logging
+
+    logging.getLogger().addHandler(logging.NullHandler())
+
+
+def _end(number: int, _frame: object) -> NoReturn:
+    # An exception unwinds, so that temporary files are removed.
+    raise SystemExit(128 + number)
+
+
+def _abandon_stdout() -> None:
+    """Keeps the interpreter from complaining, at its end, of what it can no longer write."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

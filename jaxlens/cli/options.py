@@ -1,0 +1,106 @@
+"""What `jaxlens distort` and `jaxlens undistort` are told."""
+
+# Optional[X], where the style is X | None: tyro checks the latter with typeguard, whose import would take a third of
+# the time in which the help is to appear.
+# ruff: noqa: UP045
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal, Optional
+
+from tyro.conf import Positional, arg
+
+from jaxlens.cli.errors import UsageError
+from jaxlens.cli.values import Numbers, Paths, numbers, paths
+
+# Those of jaxlens.sampling, which imports JAX; a test holds them together.
+Method = Literal["nearest", "bilinear", "bicubic", "bicubic_opencv"]
+Border = Literal["constant", "edge", "reflect", "wrap"]
+
+
+@dataclass(frozen=True)
+class WarpArguments:
+    """A lens, and pictures to put through it."""
+
+    files: Annotated[Paths, Positional, paths("FILE..."), arg(help_behavior_hint="")]
+    """Pictures (PNG, JPEG, TIFF, WebP, BMP, PNM, GIF), or folders of them, which are not searched deeper."""
+
+    kappa: Annotated[Numbers, numbers("K1 [K2 ...]"), arg(aliases=["-k"])]
+    """The lens, Φ(r²) = 1 + κ1 r² + κ2 r⁴ + …; r is the distance from the centre in half-diagonals of the picture;
+    negative is barrel, positive pincushion."""
+
+    output: Annotated[str, arg(metavar="PATH", aliases=["-o"])]
+    """For one picture its new file, or a folder that exists or ends in a slash; for several, or a folder of them, a
+    folder, which is made if need be. The suffix of a file is its format."""
+
+    method: Method = "bilinear"
+    """How to read between pixels; bicubic is Keys's kernel, bicubic_opencv that of OpenCV."""
+
+    border: Border = "constant"
+    """What lies outside the picture: the fill value, its last pixels repeated, its mirror image, its other side."""
+
+    fill: Annotated[
+        Optional[Numbers], numbers("VALUE [VALUE ...]"), arg(help_behavior_hint="(default: black, or transparent)")
+    ] = None
+    """The value of pixels without a source, one for all channels or one for each, on the picture's own scale (up to
+    255 with 8 bits, 65535 with 16); with alpha, it is opaque unless an alpha is given last."""
+
+    crop: Annotated[bool, arg(help_behavior_hint="")] = False
+    """Keep only the largest upright rectangle without border."""
+
+    antialias: Annotated[bool, arg(help_behavior_hint="")] = False
+    """Average where the lens shrinks the picture."""
+
+    center: Annotated[
+        Optional[Numbers],
+        numbers("X Y", count=2),
+        arg(help_behavior_hint="(default: half of its width and height)"),
+    ] = None
+    """The lens's centre in pixels from the centre of the first one, to the right and down."""
+
+    quality: Annotated[Optional[int], arg(metavar="1-100", help_behavior_hint="(default: 95, WebP lossless)")] = None
+    """Of JPEG and WebP files."""
+
+    overwrite: Annotated[bool, arg(help_behavior_hint="")] = False
+    """Replace files that exist."""
+
+    max_pixels: Annotated[Optional[int], arg(metavar="COUNT", help_behavior_hint="(default: 200 million)")] = None
+    """Refuse pictures with more pixels, before they are decoded."""
+
+
+def check_options(options: WarpArguments) -> None:
+    """Refuses, without reading a file, what no picture could be warped with.
+
+    Raises:
+        UsageError: an option's value is out of bounds.
+    """
+    if options.quality is not None and not 1 <= options.quality <= 100:
+        raise UsageError(f"--quality is from 1 to 100, got {options.quality}")
+    if options.fill is not None and len(options.fill) > 4:
+        raise UsageError(f"--fill takes one number, or one for each channel, got {len(options.fill)}")
+    check_max_pixels(options.max_pixels)
+
+
+def check_max_pixels(max_pixels: int | None) -> None:
+    """Refuses a limit that no picture meets.
+
+    Raises:
+        UsageError: it is below one.
+    """
+    if max_pixels is not None and max_pixels < 1:
+        raise UsageError(f"--max-pixels is at least 1, got {max_pixels}")
+
+
+def check_file(path: Path) -> None:
+    """Refuses a path where there is nothing.
+
+    Raises:
+        UsageError: there is no such file or folder, or it cannot be looked at.
+    """
+    try:
+        path.stat()
+    except FileNotFoundError:
+        raise UsageError(f"there is no file {str(path)!r}; check the name, and the folder you are in") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise UsageError(f"cannot look at {str(path)!r}: {reason}") from None

@@ -1,0 +1,132 @@
+"""How figures look, and how they are written so that the same figure is the same bytes."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import PIL.Image
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+# Okabe and Ito's palette, the strongest contrasts first; its yellow is too light for lines.
+BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, BLACK = (
+    "#0072B2",
+    "#D55E00",
+    "#009E73",
+    "#E69F00",
+    "#CC79A7",
+    "#56B4E9",
+    "#000000",
+)
+PALETTE = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, BLACK)
+MUTED = "#5A5A5A"
+FAINT = "#D9D9D9"
+WIDTH = 7.0
+"""Of a figure, in inches: with these fonts legible at full width and in half a page."""
+_DPI = 200
+
+_STYLE = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9.5,
+    "axes.titlesize": 10,
+    "axes.labelsize": 9.5,
+    "xtick.labelsize": 8.5,
+    "ytick.labelsize": 8.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": MUTED,
+    "axes.linewidth": 0.8,
+    "axes.grid": False,
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "grid.color": FAINT,
+    "grid.linewidth": 0.7,
+    "legend.frameon": False,
+    "legend.fontsize": 9,
+    "lines.linewidth": 1.6,
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+    # Paths, so that no reader needs the font; ids from a fixed salt, so that they do not change.
+    "svg.fonttype": "path",
+    "svg.hashsalt": "jaxlens",
+}
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """Sets matplotlib's parameters while figures are drawn and written, from its defaults and not the user's."""
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(_STYLE)
+        yield
+
+
+def new_figure(width: float, height: float, *, by_hand: bool = False) -> Figure:
+    """Returns a figure of a size in inches, outside of pyplot's list, that lays itself out unless that is done by hand."""
+    figure = Figure(figsize=(width, height), layout=None if by_hand else "constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def save(figure: Figure, folder: Path, stem: str, *, vector: bool = False, dpi: int = _DPI) -> None:
+    """Writes a figure as PNG, and as SVG too where it is line art, without dates or versions.
+
+    The PNG is gray where nothing in it has a colour, and else has a palette of 256, which here cannot be told from
+    the full colours, at a third of the size.
+    """
+    canvas = FigureCanvasAgg(figure)
+    figure.set_dpi(dpi)
+    canvas.draw()
+    pixels = np.asarray(canvas.buffer_rgba())[..., :3]
+    gray = bool((pixels == pixels[..., :1]).all())
+    picture = PIL.Image.fromarray(np.ascontiguousarray(pixels[..., 0])) if gray else _with_palette(pixels)
+    picture.save(folder / f"{stem}.png", optimize=True, dpi=(dpi, dpi))
+    if vector:
+        figure.savefig(folder / f"{stem}.svg", metadata={"Date": None, "Creator": None})
+
+
+def _with_palette(pixels: np.ndarray) -> PIL.Image.Image:
+    """Reduces a picture to 256 colours, half of them grays, so that white stays white and text gray."""
+    none = PIL.Image.Dither.NONE
+    colored = (pixels != pixels[..., :1]).any(axis=-1)
+    own = PIL.Image.fromarray(pixels[colored][None])
+    own = own.quantize(128, method=PIL.Image.Quantize.MEDIANCUT, dither=none)
+    index = np.round(pixels[..., 0] * (127 / 255)).astype(np.uint8)
+    index[colored] = 128 + np.asarray(own)[0]
+    picture = PIL.Image.fromarray(index)
+    grays = np.repeat(np.linspace(0, 255, 128).round().astype(int), 3).tolist()
+    picture.putpalette(grays + (own.getpalette() or []))
+    return picture
+
+
+def kappa_label(kappa: Sequence[float] | np.ndarray) -> str:
+    """Returns coefficients as people write them: `κ = (0, 1)`."""
+    inner = ", ".join(f"{float(value):.3g}".replace("-", "−") for value in kappa)
+    return f"κ = ({inner})" if len(kappa) > 1 else f"κ = {inner}"
+
+
+def pair_label(kappa: Sequence[float] | np.ndarray) -> str:
+    """Returns coefficients for an axis: `0, 1`."""
+    return ", ".join(f"{float(value):.3g}".replace("-", "−") for value in kappa)
+
+
+def show_image(axes: Axes, pixels: np.ndarray, peak: float, *, title: str = "", note: str = "") -> None:
+    """Draws an image, black to `peak`, without ticks; a title above it and a smaller note below."""
+    shown = np.clip(pixels / peak, 0, 1)
+    axes.imshow(shown, cmap="gray", vmin=0, vmax=1, interpolation="antialiased")
+    bare(axes)
+    if title:
+        axes.set_title(title, pad=4)
+    if note:
+        axes.set_xlabel(note, color=MUTED, labelpad=3)
+
+
+def bare(axes: Axes) -> None:
+    """Takes ticks and frame off."""
+    axes.set_xticks([])
+    axes.set_yticks([])
+    for spine in axes.spines.values():
+        spine.set_visible(False)

@@ -1,0 +1,122 @@
+"""A folder of results that appears whole or not at all, and replaces nothing but its own earlier self."""
+
+import contextlib
+import json
+import os
+import secrets
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+from jaxlens.experiments.errors import ExperimentError
+
+MANIFEST = "manifest.json"
+MARKER = "jaxlens experiment"
+"""The manifest's `tool`, by which a folder of results is known."""
+
+
+@contextlib.contextmanager
+def result_folder(target: Path, experiment: str) -> Iterator[Path]:
+    """Gives a temporary folder beside `target` that takes its place when the block ends well.
+
+    When the block raises, even KeyboardInterrupt, what was there before stays as it was and the temporary folder
+    is removed.
+
+    Args:
+        target: Where the results go. Its parents are made.
+        experiment: The experiment's name: earlier results of that name are replaced.
+
+    Yields:
+        The temporary folder.
+
+    Raises:
+        ExperimentError: something else is in the target's place, or it cannot be written.
+    """
+    target = Path(os.path.realpath(target))
+    check_target(target, experiment)
+    made = _make_parents(target)
+    temporary = target.with_name(f".{target.name}.{secrets.token_hex(4)}")
+    try:
+        try:
+            temporary.mkdir()
+            yield temporary
+            # Looked at again: the work may have taken hours.
+            check_target(target, experiment)
+            _swap(temporary, target)
+        except OSError as error:
+            place = error.filename or str(target)
+            raise ExperimentError(f"cannot write the results to {place!r}: {error.strerror or error}") from error
+    except BaseException:
+        shutil.rmtree(temporary, ignore_errors=True)
+        for parent in made:
+            with contextlib.suppress(OSError):
+                parent.rmdir()
+        raise
+
+
+def check_target(target: Path, experiment: str) -> None:
+    """Checks that nothing but earlier results of the same experiment would be replaced.
+
+    Raises:
+        ExperimentError: says what is in the way.
+    """
+    if not target.exists():
+        return
+    where = repr(str(target))
+    if not target.is_dir():
+        raise ExperimentError(f"{where} is not a folder; choose another place for the results")
+    if target.samefile(Path.cwd()):
+        raise ExperimentError(f"{where} is the current folder; give the results a folder of their own")
+    present = {path.name for path in target.iterdir()}
+    if not present:
+        return
+    advice = "choose another place for the results, or empty that folder yourself"
+    manifest = _read_manifest(target)
+    if manifest is None:
+        raise ExperimentError(f"{where} holds files that no experiment wrote ({_some(present)}); {advice}")
+    if manifest.get("experiment") != experiment:
+        other = manifest.get("experiment")
+        raise ExperimentError(f"{where} holds the results of experiment {other!r}, not {experiment!r}; {advice}")
+    files = manifest.get("files")
+    own = {MANIFEST, *(files if isinstance(files, dict) else {})}
+    foreign = {name for name in present if name not in own or not (target / name).is_file()}
+    if foreign:
+        raise ExperimentError(f"{where} holds what its manifest does not list ({_some(foreign)}); {advice}")
+
+
+def _read_manifest(folder: Path) -> dict[str, object] | None:
+    try:
+        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return manifest if isinstance(manifest, dict) and manifest.get("tool") == MARKER else None
+
+
+def _make_parents(target: Path) -> list[Path]:
+    """Makes the target's parents; returns those that were not there, the deepest first."""
+    missing = [parent for parent in target.parents if not parent.exists()]
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ExperimentError(f"cannot make the folder {str(target.parent)!r}: {error.strerror}") from error
+    return missing
+
+
+def _swap(new: Path, target: Path) -> None:
+    """Puts a folder in the place of another; if that fails midway the old one comes back."""
+    if not target.exists():
+        new.rename(target)
+        return
+    old = new.with_name(f"{new.name}.old")
+    target.rename(old)
+    try:
+        new.rename(target)
+    except BaseException:
+        old.rename(target)
+        raise
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def _some(names: set[str]) -> str:
+    shown = sorted(names)[:3]
+    return ", ".join(repr(name) for name in shown) + (", …" if len(names) > len(shown) else "")

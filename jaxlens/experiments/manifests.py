@@ -1,0 +1,94 @@
+"""The manifest: what was run, on what, by what, and the checksums of what came out."""
+
+import datetime
+import json
+import platform
+import subprocess
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from jaxlens.experiments.config import Configuration
+from jaxlens.experiments.folders import MANIFEST, MARKER
+from jaxlens.files import file_sha256
+
+SCHEMA = 1
+_PACKAGES = ("jaxlens", "jax", "jaxlib", "equinox", "numpy", "matplotlib", "pillow")
+
+
+def write_manifest(
+    folder: Path,
+    configuration: Configuration,
+    *,
+    inputs: list[dict[str, object]],
+    facts: dict[str, object],
+    seconds: float,
+) -> dict[str, object]:
+    """Writes `manifest.json` for the files of a folder, and returns what it says.
+
+    Args:
+        folder: The results, complete but for the manifest.
+        configuration: The experiment.
+        inputs: Facts on each image.
+        facts: What else the experiment has to say.
+        seconds: How long it took.
+    """
+    manifest: dict[str, object] = {
+        "tool": MARKER,
+        "schema": SCHEMA,
+        "experiment": configuration.experiment.name,
+        "configuration": configuration.as_dict(),
+        "configuration_file": configuration.path.name,
+        "configuration_sha256": configuration.digest(),
+        "inputs": inputs,
+        "results": facts,
+        "dtype": configuration.experiment.dtype,
+        "seed": configuration.experiment.seed,
+        "commit": _commit(configuration),
+        "versions": {"python": platform.python_version()} | {name: _version(name) for name in _PACKAGES},
+        "device": _device(),
+        "platform": f"{platform.system()} {platform.machine()}",
+        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "seconds": round(seconds, 3),
+        "files": {path.name: file_sha256(path) for path in sorted(folder.iterdir())},
+    }
+    text = json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    (folder / MANIFEST).write_text(text, encoding="utf-8", newline="")
+    return manifest
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
+def _device() -> str:
+    import jax
+
+    device = jax.devices()[0]
+    return device.platform if device.platform == "cpu" else f"{device.platform}: {device.device_kind}"
+
+
+def _commit(configuration: Configuration) -> str | None:
+    """The commit of the library where it is run from a checkout, else that of the configuration."""
+    package = Path(__file__).parents[1]
+    return _commit_of(package / "__init__.py", package) or _commit_of(configuration.path, configuration.path.parent)
+
+
+def _commit_of(file: Path, folder: Path) -> str | None:
+    """The commit that a file belongs to, marked if anything in the folder differs from it; None if untracked."""
+    if _git(folder, "ls-files", "--error-unmatch", "--", str(file.absolute())) is None:
+        return None
+    commit = _git(folder, "rev-parse", "HEAD")
+    changes = _git(folder, "status", "--porcelain", "--", ".")
+    return commit if not commit or not changes else f"{commit}-dirty"
+
+
+def _git(folder: Path, *arguments: str) -> str | None:
+    command = ["git", "-C", str(folder.absolute()), *arguments]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=10, check=False)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip() if done.returncode == 0 else None

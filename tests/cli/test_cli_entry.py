@@ -1,0 +1,222 @@
+import ast
+import importlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+import jaxlens
+from jaxlens.cli import entry, options
+from jaxlens.cli.entry import COMMANDS, main
+from jaxlens.cli.errors import CommandError, UsageError
+from jaxlens.images import DEFAULT_MAX_PIXELS
+
+ROOT = Path(__file__).parents[2]
+HEAVY = {"jax", "numpy", "matplotlib", "imageio", "PIL", "tifffile", "pydantic", "equinox", "rich", "typeguard"}
+LIST_MODULES = """
+import json, sys
+from jaxlens.cli import main
+try:
+    code = main(sys.argv[1:])
+finally:
+    print(json.dumps(sorted({name.partition(".")[0] for name in sys.modules})), file=sys.stderr)
+sys.exit(code)
+"""
+
+
+def imported_by(*arguments):
+    """The exit code of a command, and what packages it imported."""
+    environment = {"PYTHONPATH": str(ROOT), "PYTHONUTF8": "1"}
+    done = subprocess.run(
+        [sys.executable, "-c", LIST_MODULES, *arguments], capture_output=True, text=True, env=environment, timeout=60
+    )
+    return done.returncode, set(json.loads(done.stderr.splitlines()[-1])), done.stdout
+
+
+@pytest.mark.parametrize("command", [None, *COMMANDS])
+def test_help_imports_nothing_heavy(command):
+    code, modules, out = imported_by(*([command] if command else []), "--help")
+    assert code == 0
+    assert not modules & HEAVY
+    assert "Examples:" in out
+    assert f"jaxlens {command or 'sweep'} " in out
+
+
+def test_version_and_wrong_arguments_import_nothing_heavy():
+    code, modules, out = imported_by("--version")
+    assert code == 0
+    assert not modules & (HEAVY | {"tyro"})
+    assert out.startswith("jaxlens ")
+    code, modules, out = imported_by("distort", "no.png", "--kappa", "0.1", "--output", "out.png")
+    assert code == 2
+    assert not modules & HEAVY
+    assert out == ""
+
+
+def test_a_configuration_is_judged_without_jax(tmp_path):
+    (tmp_path / "wrong.toml").write_text("no = 'experiment'\n")
+    code, modules, out = imported_by("sweep", str(tmp_path / "wrong.toml"))
+    assert code == 2
+    assert not modules & {"jax", "jaxlib", "matplotlib"}
+    assert out == ""
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["nonsense"],
+        ["--nonsense"],
+        ["distort"],
+        ["distort", "a.png", "--kappa", "0.1"],
+        ["distort", "a.png", "--output", "b.png"],
+        ["compare", "a.png"],
+        ["sweep"],
+        ["sweep", "a.toml", "--nonsense", "1"],
+    ],
+)
+def test_wrong_arguments(run, arguments):
+    result = run(*arguments)
+    assert result.code == 2
+    assert result.out == ""
+    assert result.err
+
+
+def test_the_process_itself(run_process):
+    result = run_process("--version")
+    assert result.code == 0
+    assert result.out.startswith("jaxlens ")
+    assert result.err == ""
+    result = run_process("distort", "no.png", "--kappa", "nan", "--output", "out.png")
+    assert result.code == 2
+    assert "nan" in result.err
+
+
+def test_help_on_a_terminal_without_greek():
+    environment = {"PYTHONPATH": str(ROOT), "PYTHONIOENCODING": "ascii"}
+    command = [sys.executable, "-m", "jaxlens", "distort", "--help"]
+    done = subprocess.run(command, capture_output=True, env=environment, timeout=60)
+    assert done.returncode == 0
+    assert done.stderr == b""
+
+
+def test_a_reader_that_has_gone():
+    read, write = os.pipe()
+    os.close(read)
+    environment = {"PYTHONPATH": str(ROOT), "PYTHONUTF8": "1"}
+    command = [sys.executable, "-m", "jaxlens", "--help"]
+    done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, env=environment, timeout=60)
+    os.close(write)
+    assert done.returncode == 141
+    assert done.stderr == b""
+
+
+@pytest.mark.parametrize(
+    ("raised", "code", "message"),
+    [
+        (KeyboardInterrupt(), 130, "interrupted"),
+        (UsageError("no such thing"), 2, "no such thing"),
+        (CommandError("the disk is full"), 1, "the disk is full"),
+        (MemoryError(), 1, "not enough memory"),
+        (ZeroDivisionError("division by zero"), 1, "JAXLENS_TRACEBACK"),
+    ],
+)
+def test_exit_codes(monkeypatch, run, raised, code, message):
+    def fail(*_):
+        raise raised
+
+    monkeypatch.setattr(entry, "_parse", fail)
+    monkeypatch.delenv("JAXLENS_TRACEBACK", raising=False)
+    result = run("distort")
+    assert result.code == code
+    assert message in result.err
+    assert result.out == ""
+
+
+def test_a_traceback_on_demand(monkeypatch):
+    def fail(*_):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(entry, "_parse", fail)
+    monkeypatch.setenv("JAXLENS_TRACEBACK", "1")
+    with pytest.raises(ZeroDivisionError):
+        main(["distort"])
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_an_interruption_leaves_nothing(tmp_path, number, code):
+    # The writer waits in the middle of its file, which is there under its temporary name.
+    script = """
+import sys, time
+import jaxlens.cli.batch as batch
+from jaxlens.files import atomic_write
+def write_slowly(path, picture, **_):
+    with atomic_write(path) as temporary:
+        temporary.write_bytes(b"half")
+        time.sleep(60)
+batch.write_picture = write_slowly
+batch._warp_picture = lambda picture, *_: picture
+sys.argv = ["jaxlens", "distort", "in.ppm", "--kappa", "0.1", "--output", "out/"]
+from jaxlens.cli import main
+sys.exit(main())
+"""
+    (tmp_path / "in.ppm").write_bytes(b"P6 1 1 255\nabc")
+    environment = {"PYTHONPATH": str(ROOT), "PYTHONUTF8": "1"}
+    process = subprocess.Popen(
+        [sys.executable, "-c", script], cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True
+    )
+    deadline = time.monotonic() + 60
+    while not list(tmp_path.glob("out/.*.ppm")):
+        assert process.poll() is None, process.stderr.read()
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    process.send_signal(number)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == code
+    assert "Traceback" not in err
+    assert [path.name for path in tmp_path.iterdir()] == ["in.ppm"]
+
+
+def test_choices_are_those_of_the_library():
+    from jaxlens import sampling
+
+    assert get_args(options.Method) == get_args(sampling.Method)
+    assert get_args(options.Border) == get_args(sampling.Border)
+
+
+def test_the_limit_named_in_the_help(run):
+    assert DEFAULT_MAX_PIXELS == 200_000_000
+    assert "200 million" in run("distort", "--help").out
+
+
+def test_public_names_are_listed_alike_for_both_readers():
+    source = ast.parse(Path(jaxlens.__file__).read_text(encoding="utf-8"))
+    (listed,) = (node for node in source.body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING")
+    homes = {
+        alias.asname: node.module
+        for node in listed.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+        if alias.name == alias.asname
+    }
+    assert sorted(homes) == list(jaxlens.__all__)
+    assert set(homes) <= set(dir(jaxlens))
+    for name, module in homes.items():
+        if module == "jaxlens":
+            assert getattr(jaxlens, name) is importlib.import_module(f"jaxlens.{name}")
+        else:
+            assert getattr(jaxlens, name) is getattr(importlib.import_module(module), name)
+
+
+def test_names_that_are_not_public():
+    with pytest.raises(AttributeError, match="nothing_of_the_kind"):
+        _ = jaxlens.nothing_of_the_kind
+    with pytest.raises(ImportError):
+        exec("from jaxlens import nothing_of_the_kind")
