@@ -36,7 +36,7 @@ def solve_increasing(
     target: Float[Array, "*batch"],
     start: ScalarFunction,
     upper: Float[Array, ""],
-) -> tuple[Float[Array, "*batch"], Bool[Array, "*batch"]]:
+) -> Float[Array, "*batch"]:
     """Solves `f(x) = target` for each element, where f rises from zero at zero up to `upper`.
 
     Newton's iteration, a fixed number of steps for all elements; those that it leaves unfinished, or outside the
@@ -50,8 +50,8 @@ def solve_increasing(
         upper: The end of the bracket, may be ∞.
 
     Returns:
-        The roots, to the rounding of f in the dtype of `target`; and whether each has converged. Neither
-        carries derivatives: see `implicit_root`.
+        The roots, to the rounding of f in the dtype of `target`: `is_root` tells. They carry no derivatives: see
+        `implicit_root`.
     """
     shape = target.shape
     target, upper = lax.stop_gradient((target.ravel(), upper))
@@ -66,7 +66,7 @@ def solve_increasing(
         return value_and_slope(x)[0]
 
     def found(x, target):
-        return (x >= 0) & (x <= upper) & _is_root(function, target, x, _ROOT_ULPS)
+        return (x >= 0) & (x <= upper) & is_root(function(x), target, x, _ROOT_ULPS)
 
     # The second chance works on a chunk at a time, within the cache and in place: where nothing is left to do it
     # costs nothing, not even memory, and otherwise only the chunks with unfinished elements iterate.
@@ -83,7 +83,7 @@ def solve_increasing(
 
     chunks = jnp.where(jnp.all(found(x, target)), 0, -(-count // max(size, 1)))
     _, x = lax.while_loop(lambda state: state[0] < chunks, refine, (jnp.zeros_like(chunks), x))
-    return x.reshape(shape), _is_root(function, target, x, _ROUNDING_ULPS).reshape(shape)
+    return x.reshape(shape)
 
 
 def solve_bracketed(
@@ -111,16 +111,21 @@ def solve_bracketed(
         standstill = jnp.abs(candidate - x) <= spacing * jnp.abs(x)
         collapsed = jnp.isfinite(high) & (high - low <= spacing * jnp.abs(high))
         x = jnp.where(done, x, candidate)
-        return count + 1, x, low, high, done | standstill | collapsed | _is_root(function, target, x, _ROOT_ULPS)
+        return count + 1, x, low, high, done | standstill | collapsed | is_root(function(x), target, x, _ROOT_ULPS)
 
     low, high = jnp.broadcast_to(lower, start.shape), jnp.broadcast_to(upper, start.shape)
-    done = _is_root(function, target, start, _ROOT_ULPS)
+    done = is_root(function(start), target, start, _ROOT_ULPS)
     return lax.while_loop(unfinished, body, (0, start, low, high, done))[1]
 
 
-def _is_root(function: ScalarFunction, target: Array, x: Array, ulps: float) -> Array:
-    """Whether the residual at `x` is no more than this much rounding."""
-    return jnp.abs(function(x) - target) <= ulps * epsilon(x.dtype) * jnp.maximum(jnp.abs(target), jnp.abs(x))
+def is_root(
+    value: Float[Array, "*batch"],
+    target: Float[Array, "*batch"],
+    x: Float[Array, "*batch"],
+    ulps: float = _ROUNDING_ULPS,
+) -> Bool[Array, "*batch"]:
+    """Tells where `value`, a function at `x`, differs from `target` by no more than this much rounding."""
+    return jnp.abs(value - target) <= ulps * epsilon(x.dtype) * jnp.maximum(jnp.abs(target), jnp.abs(x))
 
 
 def _safeguarded_step(

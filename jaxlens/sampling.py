@@ -44,8 +44,8 @@ def remap(
             the two is not finite the result is `fill`, whatever the border.
         method: The interpolation, see `Method`. Nearest rounds halves up.
         border: What lies outside the image, see `Border`: `constant` is `fill` (interpolated with the edge pixels, as
-            OpenCV does), `edge` repeats the last pixel, `reflect` mirrors about the edge (d c b a | a b c d | d c b a), `wrap`
-            continues on the other side.
+            OpenCV does), `edge` repeats the last pixel, `reflect` mirrors about the edge
+            (d c b a | a b c d | d c b a), `wrap` continues on the other side.
         fill: The value outside the image: a number, or one for each channel.
         antialias: Average over each output pixel's footprint in the source where the map shrinks the image. The
             footprint comes from the map's Jacobian, that is from neighbouring coordinates, which must then have

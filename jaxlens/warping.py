@@ -12,7 +12,6 @@ from jaxlens.maps import CoordinateMap, Inverted, OneToOne
 from jaxlens.numerics import join
 from jaxlens.sampling import Border, Method, remap
 
-
 _STATIC = ("shape", "method", "border", "antialias")
 
 

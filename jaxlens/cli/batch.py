@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-from jaxlens.cli.errors import CommandError, UsageError
-from jaxlens.cli.jobs import Job, plan_jobs
+from jaxlens.cli.errors import CommandError, UsageError, describe_unexpected, wants_traceback
+from jaxlens.cli.jobs import Job
 from jaxlens.cli.messages import say
 from jaxlens.cli.options import WarpArguments
 from jaxlens.cli.pictures import describe, read_picture, write_picture
@@ -19,20 +19,20 @@ Direction = Literal["distort", "undistort"]
 _WITH_QUALITY = (".jpg", ".jpeg", ".webp")
 
 
-def warp_files(arguments: WarpArguments, direction: Direction) -> int:
-    """Puts every picture that the arguments name through their lens.
+def warp_files(jobs: Sequence[Job], arguments: WarpArguments, direction: Direction) -> int:
+    """Puts pictures through a lens.
 
     Args:
-        arguments: Checked by `check_options`.
+        jobs: What to read and to write, at least one, by `plan_jobs`.
+        arguments: The lens, and how to sample and write.
         direction: Apply the lens, or remove it.
 
     Returns:
         The exit code: 0, or 1 where a picture failed.
 
     Raises:
-        UsageError: as `plan_jobs`, or a quality for a format without.
+        UsageError: a quality is given, and no output has one.
     """
-    jobs = plan_jobs(arguments.files, arguments.output)
     _check_quality(jobs, arguments.quality)
     told: set[str] = set()
     written: list[str] = []
@@ -42,6 +42,11 @@ def warp_files(arguments: WarpArguments, direction: Direction) -> int:
                 written.append(_warp_file(job, arguments, direction, told))
             except CommandError as error:
                 say(str(error))
+            except Exception as error:
+                if wants_traceback():
+                    raise
+                # Such as too little memory for this picture; the next one may be smaller.
+                say(f"cannot {direction} {str(job.source)!r}: {describe_unexpected(error)}")
     if len(jobs) > 1:
         say(f"wrote {len(written)} of {len(jobs)} pictures to {arguments.output!r}")
     elif written:
@@ -73,7 +78,7 @@ def _warp_picture(
     picture: Picture, source: Path, arguments: WarpArguments, direction: Direction, told: set[str]
 ) -> Picture:
     # Here, for JAX takes its time to import: a picture that cannot be read says so at once.
-    from jaxlens.cli.pixels import Warp, find_fold, inner_rectangle, warp_pixels
+    from jaxlens.cli.pixels import FillError, Warp, find_fold, inner_rectangle, warp_pixels
 
     center = arguments.center
     warp = Warp(
@@ -95,8 +100,7 @@ def _warp_picture(
         )
     try:
         pixels = warp_pixels(picture.pixels, warp)
-    except (ValueError, RuntimeError, MemoryError) as error:
-        # JAX's own, such as too little memory for this picture, are RuntimeErrors; the next may be smaller.
+    except FillError as error:
         raise CommandError(f"cannot {direction} {str(source)!r}: {error}") from error
     if arguments.crop:
         top, left, tall, wide = inner_rectangle(warp, height, width)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from jaxlens.cli.jobs import plan_jobs
 from jaxlens.cli.options import WarpArguments, check_options
 
 HELP = """Make the picture that a lens would take of an undistorted one.
@@ -27,6 +28,7 @@ class Arguments(WarpArguments):
 def run(arguments: Arguments) -> int:
     """Runs the command; returns the exit code."""
     check_options(arguments)
+    jobs = plan_jobs(arguments.files, arguments.output)
     from jaxlens.cli.batch import warp_files
 
-    return warp_files(arguments, "distort")
+    return warp_files(jobs, arguments, "distort")

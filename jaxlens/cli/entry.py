@@ -18,7 +18,7 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import Any, NoReturn
 
-from jaxlens.cli.errors import CommandError
+from jaxlens.cli.errors import CommandError, describe_unexpected, wants_traceback
 from jaxlens.cli.messages import say
 
 COMMANDS = ("sweep", "distort", "undistort", "compare")
@@ -65,16 +65,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except CommandError as error:
         say(str(error))
         return error.exit_code
-    except MemoryError:
-        say("not enough memory; try smaller pictures")
-        return 1
     except Exception as error:
-        if os.environ.get("JAXLENS_TRACEBACK"):
+        if wants_traceback():
             raise
-        say(
-            f"unexpected {type(error).__name__}: {error}\n"
-            "This is a fault of jaxlens. Please report what it prints when run again with JAXLENS_TRACEBACK=1."
-        )
+        say(describe_unexpected(error))
         return 1
 
 

@@ -51,6 +51,10 @@ class Warp:
     center: tuple[float, float] | None = None
 
 
+class FillError(ValueError):
+    """A fill value does not fit a picture; the message says which would."""
+
+
 @dataclass(frozen=True)
 class Fold:
     """Where a lens stops being one-to-one, and what that costs a picture.
@@ -82,7 +86,7 @@ def warp_pixels(pixels: Shaped[np.ndarray, "height width *channels"], warp: Warp
         Pixels of the same shape and dtype.
 
     Raises:
-        ValueError: the fill value does not fit the picture.
+        FillError: the fill value does not fit the picture.
     """
     full = _opaque(pixels)
     fill = _fill_values(pixels, warp.fill, full)
@@ -216,7 +220,7 @@ def _fill_values(pixels: np.ndarray, fill: tuple[float, ...] | None, full: float
     colours = channels - 1 if _has_alpha(pixels) else channels
     if len(fill) not in {1, colours, channels}:
         counts = " or ".join(str(count) for count in sorted({1, colours, channels}))
-        raise ValueError(f"it has {channels} channels: --fill takes {counts} numbers, got {len(fill)}")
+        raise FillError(f"it has {channels} channels: --fill takes {counts} numbers, got {len(fill)}")
     values = list(fill) if len(fill) > 1 else list(fill) * colours
     if len(values) < channels:
         values.append(full)
@@ -230,7 +234,7 @@ def _check_range(values: list[float], dtype: np.dtype) -> None:
     limits = np.iinfo(dtype)
     outside = [value for value in values if not limits.min <= value <= limits.max]
     if outside:
-        raise ValueError(f"it is {dtype}, from {limits.min} to {limits.max}; --fill {outside[0]:g} is not in there")
+        raise FillError(f"it is {dtype}, from {limits.min} to {limits.max}; --fill {outside[0]:g} is not in there")
 
 
 def _has_alpha(pixels: np.ndarray) -> bool:

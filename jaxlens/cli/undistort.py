@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from jaxlens.cli.jobs import plan_jobs
 from jaxlens.cli.options import WarpArguments, check_options
 
 HELP = """Remove a lens from a picture.
@@ -27,6 +28,7 @@ class Arguments(WarpArguments):
 def run(arguments: Arguments) -> int:
     """Runs the command; returns the exit code."""
     check_options(arguments)
+    jobs = plan_jobs(arguments.files, arguments.output)
     from jaxlens.cli.batch import warp_files
 
-    return warp_files(arguments, "undistort")
+    return warp_files(jobs, arguments, "undistort")

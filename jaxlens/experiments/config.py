@@ -8,7 +8,7 @@ import os
 import tomllib
 import types
 import typing
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -73,8 +73,8 @@ def load(path: str | os.PathLike[str], *, image: str | os.PathLike[str] | None =
 
     Args:
         path: The TOML file.
-        image: A picture file to take in place of the configured image: the whole picture, with the configured `gray` and
-            `peak`.
+        image: A picture file to take in place of the configured image: the whole picture, with the configured
+            `gray` and `peak`.
 
     Raises:
         ConfigError: the file, or a picture that it names, is not there; it is not TOML; or a key or value is not
@@ -168,7 +168,7 @@ def _table_in(annotation: Any) -> type[BaseModel] | None:
     return next((found for inner in typing.get_args(annotation) if (found := _table_in(inner))), None)
 
 
-def _options(names: typing.Iterable[str]) -> str:
+def _options(names: Iterable[str]) -> str:
     return ", ".join(f"'{name}'" for name in names)
 
 

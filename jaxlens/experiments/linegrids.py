@@ -1,9 +1,10 @@
 """Straight lines under one-parameter lenses, as curves and as pictures, and which way they bend.
 
-A setting says which lens, and whether its factor takes the source to the output (a lens, as everywhere in the library) or
-the output to the source (Section 2.4 of the paper). The two name the sign of k the other way round.
+A setting says which lens, and whether its factor takes the source to the output (a lens, as everywhere in the
+library) or the output to the source (Section 2.4 of the paper). The two name the sign of k the other way round.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -24,6 +25,8 @@ HALF = float(np.sqrt(0.5))
 _SAMPLES = 801
 # The line whose bend is measured: half way out; between its middle and points as far up and down.
 _PROBE = 0.5 * HALF
+# A row of a picture with less light than this does not show the line.
+_DARK = 0.1
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,8 @@ class Bend:
     """How much a vertical line to the right of the centre bends.
 
     Attributes:
-        pixels: How much further out its middle lies than its ends: positive is barrel.
+        pixels: How much further out its middle lies than its ends: positive is barrel; NaN where the output does not
+            show it.
     """
 
     pixels: float
@@ -39,7 +43,9 @@ class Bend:
     @property
     def name(self) -> str:
         """Barrel, pincushion or straight."""
-        return "straight" if abs(self.pixels) < 1e-6 else "barrel" if self.pixels > 0 else "pincushion"
+        if np.isnan(self.pixels):
+            return "not shown"
+        return "straight" if abs(self.pixels) < 1e-3 else "barrel" if self.pixels > 0 else "pincushion"
 
 
 def lens_of(setting: Setting, k: float) -> RadialLens:
@@ -68,8 +74,8 @@ def curves(setting: Setting, k: float, lines: int) -> list[Float[np.ndarray, "sa
 def straight_picture(lines: int, size: int) -> Float[Array, "size size"]:
     """Returns a picture of a grid: dark lines on white."""
     x, y = _normalized(size)
-    at = jnp.linspace(-HALF, HALF, lines)
-    distance = jnp.minimum(jnp.min(jnp.abs(x[..., None] - at), axis=-1), jnp.min(jnp.abs(y[..., None] - at), axis=-1))
+    at = jnp.linspace(-HALF, HALF, lines)[:, None, None]
+    distance = jnp.min(jnp.minimum(jnp.abs(x[None] - at), jnp.abs(y[None] - at)), axis=0)
     pixel = 2 * HALF / size
     return jnp.clip(distance / pixel - 0.75, 0, 1)
 
@@ -84,9 +90,7 @@ def bend_of_curve(setting: Setting, k: float, size: int) -> Bend:
     """Measures the bend on a line that is pushed forward."""
     along = jnp.linspace(-HALF, HALF, _SAMPLES)
     x, y = np.asarray(forward(setting, k)(jnp.stack([jnp.full_like(along, _PROBE), along], axis=-1))).T
-    seen = np.isfinite(x)
-    middle, end = np.interp([0.0, _PROBE], y[seen], x[seen])
-    return Bend(float(middle - end) * _scale(size))
+    return Bend(_middle_less_end(y, x, [0.0, _PROBE]) * _scale(size))
 
 
 def bend_of_picture(setting: Setting, k: float, size: int) -> Bend:
@@ -95,11 +99,20 @@ def bend_of_picture(setting: Setting, k: float, size: int) -> Bend:
     width = 2 / _scale(size)
     warped = np.asarray(picture(setting, k, jnp.exp(-0.5 * ((x - _PROBE) / width) ** 2)))
     columns = np.arange(size)
-    light = warped @ columns / warped.sum(axis=1)
+    total = warped.sum(axis=1)
+    centers = np.where(total > _DARK, warped @ columns / np.where(total > _DARK, total, 1), np.nan)
     frame = Frame.half_diagonal(size, size)
     rows = np.asarray(frame.denormalize(jnp.array([[0.0, 0.0], [0.0, _PROBE]])))[:, 1]
-    middle, end = np.interp(rows, columns, light)
-    return Bend(float(middle - end))
+    return Bend(_middle_less_end(columns, centers, rows))
+
+
+def _middle_less_end(y: np.ndarray, x: np.ndarray, at: Sequence[float] | np.ndarray) -> float:
+    """The x of a curve at a first y less that at a second; NaN where the curve does not reach."""
+    seen = np.isfinite(x)
+    if not seen.any():
+        return float("nan")
+    found = np.interp(np.asarray(at), y[seen], x[seen], left=np.nan, right=np.nan)
+    return float(found[0] - found[1])
 
 
 def _normalized(size: int) -> tuple[Float[Array, "size size"], Float[Array, "size size"]]:

@@ -1,5 +1,6 @@
 """What the terminal shows of an experiment: ours, the paper's, the difference, and which identities hold."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -97,7 +98,7 @@ def _falls(kappa: Sequence[tuple[float, ...]], scores: Mapping[str, np.ndarray])
         return "rows missing"
     known = [value for value in values if value is not None]
     text = " > ".join(f"{value:.2f}" for value in known)
-    falls = all(a > b for a, b in zip(known, known[1:], strict=False))
+    falls = all(a > b for a, b in itertools.pairwise(known))
     return f"yes, {text}" if falls else "no, " + text.replace(" > ", ", ")
 
 

@@ -4,13 +4,11 @@ import os
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+from rich.console import Console
 
 from jaxlens.experiments import config
 from jaxlens.experiments.folders import check_target, result_folder
-
-if TYPE_CHECKING:
-    from rich.console import Console
 
 
 @dataclass(frozen=True)
@@ -35,8 +33,8 @@ def run(
     *,
     image: str | os.PathLike[str] | None = None,
     output: str | os.PathLike[str] | None = None,
-    console: "Console | None" = None,
-    progress: "Console | None" = None,
+    console: Console | None = None,
+    progress: Console | None = None,
     quiet: bool = False,
 ) -> Report:
     """Runs an experiment and writes its folder of results.
@@ -60,8 +58,6 @@ def run(
     experiment = configuration.experiment
     folder = Path("results") / experiment.name if output is None else Path(output)
     check_target(Path(os.path.realpath(folder)), experiment.name)
-
-    from rich.console import Console
 
     if quiet:
         console = progress = Console(quiet=True)

@@ -6,7 +6,7 @@ Only pydantic is imported here, so that a mistake in a file is reported before a
 import itertools
 import math
 from collections.abc import Sequence
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
@@ -16,7 +16,7 @@ MOST_LENSES = 1_000_000
 def _plain_name(name: str) -> str:
     """A name becomes a folder: letters, digits, dots, dashes and underscores only, and no dot in front."""
     if not name or name.startswith(".") or not all(letter.isalnum() or letter in "-_." for letter in name):
-        raise ValueError("must be letters, digits, '-', '_' and '.', beginning with none of '.'")
+        raise ValueError("must be letters, digits, '-', '_' and '.', and not begin with a '.'")
     return name
 
 
@@ -44,8 +44,8 @@ class Image(_Table):
 
     Attributes:
         name: What figures and tables call it.
-        source: `portrait` is matplotlib's sample portrait (grace_hopper.jpg, 600×512 RGB, public domain); the others are
-            patterns of `height` × `width` pixels.
+        source: `portrait` is matplotlib's sample portrait (grace_hopper.jpg, 600×512 RGB, public domain); the others
+            are patterns of `height` × `width` pixels.
         path: A picture file, relative to the configuration.
         height: Of a pattern.
         width: Of a pattern.
@@ -65,7 +65,7 @@ class Image(_Table):
     peak: float | None = Field(default=None, gt=0)
 
     @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _check(self) -> "Image":
         if (self.source is None) == (self.path is None):
             raise ValueError("must have either 'source' or 'path', and not both")
         pattern = self.source not in (None, "portrait")
@@ -108,7 +108,7 @@ class Lenses(_Table):
     axes: list[Axis] | None = Field(default=None, min_length=1)
 
     @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _check(self) -> "Lenses":
         if (self.kappa is None) == (self.axes is None):
             raise ValueError("must have either 'kappa' (a list of [κ1, κ2, …]) or 'axes', and not both")
         if self.kappa is not None and len({len(one) for one in self.kappa}) > 1:
@@ -186,7 +186,7 @@ class ReadingsExperiment(_Experiment):
     memory_mb: float = Field(default=256.0, gt=0)
 
     @model_validator(mode="after")
-    def _check(self) -> Self:
+    def _check(self) -> "ReadingsExperiment":
         labels = [image.label for image in self.images]
         if len(set(labels)) < len(labels):
             raise ValueError("'images' must have different names; give each a 'name'")

@@ -107,8 +107,8 @@ def _crop(
     bottom, right = crop.top + crop.height, crop.left + crop.width
     if bottom > pixels.shape[0] or right > pixels.shape[1]:
         raise ConfigError(
-            f"{configuration.path}: image '{image.label}': crop: got rows {crop.top} to {bottom} and columns {crop.left} "
-            f"to {right}; must lie within the image's {pixels.shape[0]} rows and {pixels.shape[1]} columns"
+            f"{configuration.path}: image '{image.label}': crop: got rows {crop.top} to {bottom} and columns "
+            f"{crop.left} to {right}; must lie within the image's {pixels.shape[0]} rows and {pixels.shape[1]} columns"
         )
     return pixels[crop.top : bottom, crop.left : right]
 

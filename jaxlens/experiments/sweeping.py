@@ -17,7 +17,7 @@ from jaxlens.experiments.schema import Warp
 from jaxlens.sampling import remap
 from jaxlens.warping import source_coordinates
 
-# Planes of the image's size that one lens takes for its coordinates, solver, samples and metrics; measured (15), rounded up.
+# Planes of the image's size that one lens takes for coordinates, solver, samples and metrics; 15 were measured.
 _PLANES_PER_LENS = 20
 # More lanes gain nothing on a CPU, and past four XLA sums in another order.
 _MOST_LANES = 4

@@ -26,7 +26,7 @@ def csv_text(columns: Mapping[str, Sequence[Value] | np.ndarray]) -> str:
 
 
 def kappa_columns(kappa: np.ndarray) -> dict[str, np.ndarray]:
-    """Returns coefficients `(lenses, order)` as columns kappa1, kappa2, …"""
+    """Returns coefficients `(lenses, order)` as columns `kappa1`, `kappa2` and so on."""
     return {f"kappa{index + 1}": column for index, column in enumerate(kappa.T)}
 
 

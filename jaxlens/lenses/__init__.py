@@ -1,5 +1,6 @@
 """Lens models, one file a family."""
 
 from jaxlens.lenses._division import Division as Division
-from jaxlens.lenses._lens import Lens as Lens, RadialLens as RadialLens
+from jaxlens.lenses._lens import Lens as Lens
+from jaxlens.lenses._lens import RadialLens as RadialLens
 from jaxlens.lenses._radial_polynomial import RadialPolynomial as RadialPolynomial

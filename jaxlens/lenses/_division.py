@@ -30,7 +30,7 @@ class Division(RadialLens):
         self.center = jnp.zeros(2, self.k.dtype) if center is None else as_floating(center)
 
     def factor(self, squared_radius: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
-        """Returns Φ = 2 / (1 + √(1 + 4 k r²)): Eq. 5 solved for x_d, without cancellation; NaN beyond the fold radius."""
+        """Returns Φ = 2 / (1 + √(1 + 4 k r²)): Eq. 5 solved for x_d without cancellation; NaN beyond the fold."""
         discriminant = 1 + 4 * self.k * squared_radius
         seen = discriminant > 0
         root = jnp.sqrt(jnp.where(seen, discriminant, 1))
@@ -44,7 +44,7 @@ class Division(RadialLens):
         return jnp.where(folds, 0.5 / jnp.sqrt(jnp.where(folds, -self.k, 1)), jnp.inf)
 
     def edge_radius(self) -> Float[Array, ""]:
-        """Returns 1 / √|k|, the largest observed radius: for k < 0 that of the fold, for k > 0 that of points at infinity."""
+        """Returns the largest observed radius, 1 / √|k|: of the fold for k < 0, of points at infinity for k > 0."""
         bounded = self.k != 0
         return jnp.where(bounded, 1 / jnp.sqrt(jnp.where(bounded, jnp.abs(self.k), 1)), jnp.inf)
 

@@ -5,11 +5,15 @@ import abc
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.custom_batching import custom_vmap
 from jaxtyping import Array, ArrayLike, Bool, Float, Int8
 
 from jaxlens.maps import CoordinateMap, Inverse, InverseStatus, inverse_status
-from jaxlens.newton import derivatives, implicit_root, solve_increasing
+from jaxlens.newton import derivatives, implicit_root, is_root, solve_increasing
 from jaxlens.numerics import as_points, join, split
+
+# Points from which a batch of inverses is solved one after another.
+_LARGE = 1 << 15
 
 
 class Lens(CoordinateMap):
@@ -44,7 +48,7 @@ class RadialLens(Lens):
 
     @abc.abstractmethod
     def fold_radius(self) -> Float[Array, ""]:
-        """Returns the ideal radius, from the centre of distortion, at which the lens stops being one-to-one; ∞ if never."""
+        """Returns the ideal radius about the centre of distortion where the lens stops being one-to-one; ∞ if never."""
 
     @jax.jit
     def distort(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2"]:
@@ -70,10 +74,10 @@ class RadialLens(Lens):
         return join(self.center[0] + x * factor, self.center[1] + y * factor)
 
     def edge_radius(self) -> Float[Array, ""]:
-        """Returns the observed radius of the fold: no point further from the centre of distortion is seen; ∞ if none."""
+        """Returns the observed radius of the fold, beyond which nothing is seen; ∞ if there is none."""
         fold = self.fold_radius()
         folds = jnp.isfinite(fold)
-        return jnp.where(folds, self._radius(jnp.where(folds, fold, 0)), jnp.inf)
+        return jnp.where(folds, self.radius(jnp.where(folds, fold, 0)), jnp.inf)
 
     @jax.jit
     def invert(self, points: Float[ArrayLike, "*batch 2"]) -> Inverse:
@@ -108,9 +112,10 @@ class RadialLens(Lens):
 
     def radius_and_slope(self, radius: Float[Array, "*batch"]) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
         """Returns the observed radius of ideal radii, ρ Φ(ρ²), and its derivative."""
-        return jax.jvp(self._radius, (radius,), (jnp.ones_like(radius),))
+        return jax.jvp(self.radius, (radius,), (jnp.ones_like(radius),))
 
-    def _radius(self, radius: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
+    def radius(self, radius: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
+        """Returns the observed radius of ideal radii, ρ Φ(ρ²)."""
         return radius * self.factor(radius * radius)
 
     def _ideal_scale(self, squared: Float[Array, "*batch"]) -> tuple[Float[Array, "*batch"], Int8[Array, "*batch"]]:
@@ -119,34 +124,54 @@ class RadialLens(Lens):
         squared = jnp.where(finite, squared, 0)
         fold, edge = self.fold_radius(), self.edge_radius()
         inside = squared <= lax.stop_gradient(edge) ** 2
-        found, converged = lax.stop_gradient(self)._solve(squared, fold, edge)
+        found = _solve(*lax.stop_gradient((self, squared, fold, edge)))
         # In squared radii, q Φ(q)² = s, nothing is singular at the centre.
         solution = implicit_root(_squared_residual, found * found, (self, squared))
+        converged = is_root(_squared_residual(solution, (self, squared)) + squared, squared, solution)
         # A point beyond the edge goes to the fold on its own ray.
         scale = jnp.where(inside, 1, fold) / jnp.where(
             inside, self.factor(jnp.where(inside, solution, 0)), jnp.sqrt(jnp.where(inside, 1, squared))
         )
         return scale, inverse_status(finite, inside, converged)
 
-    def _solve(
-        self, squared: Float[Array, "*batch"], fold: Float[Array, ""], edge: Float[Array, ""]
-    ) -> tuple[Float[Array, "*batch"], Bool[Array, "*batch"]]:
-        """Solves ρ Φ(ρ²) = √s, without derivatives, for s up to the edge; the rest get the fold."""
-        squared, fold, edge = lax.stop_gradient((squared, fold, edge))
-        folds = jnp.isfinite(fold)
-        fold_safe, edge_safe = jnp.where(folds, fold, 1), jnp.where(folds, edge, 1)
-        # Near the fold r ≈ edge − C (fold − ρ)²: a cubic in √(1 − r / edge) that agrees with the solution to first
-        # order at both ends lets Newton start within its fast region up to the fold itself.
-        curvature = -0.5 * derivatives(self._radius, fold_safe)[2]
-        bend = jnp.sqrt(edge_safe / jnp.maximum(curvature, 0.25 * edge_safe / fold_safe**2)) / fold_safe
-        slope = 3 - 2 * bend - 2 * edge_safe / fold_safe
 
-        def start(radius):
-            root = jnp.sqrt(jnp.maximum(1 - radius / edge_safe, 0))
-            share = 1 - root * (bend + root * (slope + root * (1 - bend - slope)))
-            return jnp.where(folds, fold_safe * jnp.clip(share, 0, 1), radius)
+@custom_vmap
+def _solve(
+    lens: RadialLens, squared: Float[Array, "*batch"], fold: Float[Array, ""], edge: Float[Array, ""]
+) -> Float[Array, "*batch"]:
+    """Solves ρ Φ(ρ²) = √s, without derivatives, for s up to the edge; the rest get the fold."""
+    folds = jnp.isfinite(fold)
+    fold_safe, edge_safe = jnp.where(folds, fold, 1), jnp.where(folds, edge, 1)
+    # Near the fold r ≈ edge − C (fold − ρ)²: a cubic in √(1 − r / edge) that agrees with the solution to first
+    # order at both ends lets Newton start within its fast region up to the fold itself.
+    curvature = -0.5 * derivatives(lens.radius, fold_safe)[2]
+    bend = jnp.sqrt(edge_safe / jnp.maximum(curvature, 0.25 * edge_safe / fold_safe**2)) / fold_safe
+    slope = 3 - 2 * bend - 2 * edge_safe / fold_safe
 
-        return solve_increasing(self.radius_and_slope, jnp.sqrt(jnp.minimum(squared, edge * edge)), start, fold)
+    def start(radius):
+        root = jnp.sqrt(jnp.maximum(1 - radius / edge_safe, 0))
+        share = 1 - root * (bend + root * (slope + root * (1 - bend - slope)))
+        return jnp.where(folds, fold_safe * jnp.clip(share, 0, 1), radius)
+
+    return solve_increasing(lens.radius_and_slope, jnp.sqrt(jnp.minimum(squared, edge * edge)), start, fold)
+
+
+@_solve.def_vmap
+def _solve_batch(size, batched, *arguments):
+    """One large picture after another, so that each finds its temporary memory in the cache; small ones together."""
+    points = arguments[1].size // (size if batched[1] else 1)
+    axes = jax.tree.map(lambda is_batched: 0 if is_batched else None, batched)
+    if points < _LARGE:
+        results = jax.vmap(_solve.fun, in_axes=tuple(axes), axis_size=size)(*arguments)
+    else:
+        whole = [
+            jax.tree.map(
+                lambda leaf, is_batched: leaf if is_batched else jnp.broadcast_to(leaf, (size, *leaf.shape)), *pair
+            )
+            for pair in zip(arguments, batched, strict=True)
+        ]
+        results = lax.map(lambda each: _solve(*each), tuple(whole))
+    return results, True
 
 
 @jax.custom_jvp

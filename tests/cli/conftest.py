@@ -3,8 +3,8 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import pytest
+from cli_helpers import smooth
 
 from jaxlens.cli import main
 from jaxlens.images import write_image
@@ -47,17 +47,6 @@ def run_process():
     return call
 
 
-def smooth(dtype=np.uint8, channels=3, height=24, width=32):
-    """A picture without noise, and bright: nothing in it is the fill value."""
-    y, x = np.mgrid[:height, :width]
-    planes = np.stack([0.4 + 0.5 * np.sin(0.2 * x + 0.3 * y + plane) ** 2 for plane in range(channels)], axis=-1)
-    full = 1 if np.dtype(dtype).kind == "f" else np.iinfo(dtype).max
-    pixels = (planes * full).astype(dtype)
-    if channels in (2, 4):
-        pixels[..., -1] = full
-    return pixels[..., 0] if channels == 1 else pixels
-
-
 @pytest.fixture
 def picture(tmp_path):
     """An 8-bit RGB picture, alone in a folder."""
@@ -65,7 +54,3 @@ def picture(tmp_path):
     path.parent.mkdir()
     write_image(path, smooth())
     return path
-
-
-def files_in(folder):
-    return sorted(path.relative_to(folder).as_posix() for path in Path(folder).rglob("*") if path.is_file())

@@ -4,7 +4,7 @@ import re
 import jax
 import numpy as np
 import pytest
-from conftest import smooth
+from cli_helpers import smooth
 
 import jaxlens as jl
 from jaxlens.images import write_image

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -41,7 +42,7 @@ def metric_chart(kappa: np.ndarray, scores: Mapping[str, np.ndarray], *, compare
         axes.set_xticks(positions, [pair_label(one) for one in kappa])
         axes.set_xlabel("κ₁, κ₂" if kappa.shape[1] == 2 else "κ")
     if any(rows):
-        handles: dict[str, object] = {}
+        handles: dict[str, Artist] = {}
         for axes in places.flat:
             for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
                 handles.setdefault(label, handle)

@@ -14,7 +14,7 @@ from jaxlens.experiments.figures.style import FAINT, MUTED, WIDTH, bare, kappa_l
 
 _TITLE, _NOTE, _GAP, _MARGIN = 0.25, 0.44, 0.1, 0.05
 # Counts of single pixels beat with the screen's; their means over squares of this side do not.
-_SQUARE = 8
+_SQUARE = 5
 
 
 def multiplicity_panel(
@@ -37,8 +37,8 @@ def multiplicity_panel(
     figure = new_figure(WIDTH, below + high + _NOTE + _MARGIN, by_hand=True)
     show_image(place(figure, _MARGIN, _MARGIN + _TITLE, side, high), initial, peak, title="a)  initial")
     means = [_mean_over_squares(count) for count in counts]
-    colors = matplotlib.colormaps["cividis"].with_extremes(bad=FAINT)
-    norm = Normalize(1, max(2.0, *(float(mean.max()) for mean in means)))
+    colors = matplotlib.colormaps["viridis"].with_extremes(bad=FAINT)
+    norm = Normalize(1, max(2.0, *(float(np.nanmax(mean)) for mean in means)))
     _legend(figure, below, high, colors, norm)
     for index, (picture, count, mean, one) in enumerate(zip(pictures, counts, means, kappa, strict=True)):
         left = _MARGIN + (index + 1) * (side + _GAP)
@@ -46,38 +46,40 @@ def multiplicity_panel(
         show_image(axes, picture, peak, title=f"{chr(ord('b') + index)})  {kappa_label(one)}")
         axes = place(figure, left, below, side, high)
         height, width = count.shape
-        shown = np.ma.masked_less(mean, 0.5)
-        axes.imshow(shown, cmap=colors, norm=norm, interpolation="nearest", extent=(0, width, height, 0))
+        axes.imshow(
+            np.ma.masked_invalid(mean), cmap=colors, norm=norm, interpolation="nearest", extent=(0, width, height, 0)
+        )
         bare(axes)
         several = int(np.sum(count > 1))
         number = f"{several:,}".replace(",", "\u2009")
-        axes.set_xlabel(
-            f"{number} pixels ({100 * several / count.size:.1f} %)\nmoved to multiple positions", color=MUTED
-        )
+        axes.set_xlabel(f"{number} pixels ({100 * several / count.size:.1f} %)\nat multiple positions", color=MUTED)
     return figure
 
 
 def _mean_over_squares(count: np.ndarray) -> np.ndarray:
-    """Means of counts over squares; those at the right and lower edge may be smaller."""
-    rows, columns = (np.arange(0, size, _SQUARE) for size in count.shape)
-    sums = np.add.reduceat(np.add.reduceat(count.astype(float), rows, axis=0), columns, axis=1)
-    heights, widths = (
-        np.diff(np.append(starts, size)) for starts, size in zip((rows, columns), count.shape, strict=True)
-    )
-    return sums / np.outer(heights, widths)
+    """Means over squares of the pixels that are shown; NaN in squares that are mostly not."""
+    sums, shown, pixels = (_sum_over_squares(plane) for plane in (count, count > 0, np.ones_like(count)))
+    return np.where(shown >= 0.5 * pixels, sums / np.maximum(shown, 1), np.nan)
+
+
+def _sum_over_squares(plane: np.ndarray) -> np.ndarray:
+    rows, columns = (np.arange(0, size, _SQUARE) for size in plane.shape)
+    return np.add.reduceat(np.add.reduceat(plane.astype(float), rows, axis=0), columns, axis=1)
 
 
 def _legend(figure: Figure, top: float, high: float, colors: Colormap, norm: Normalize) -> None:
     """What the colours below mean, in the place below the initial image."""
     whole = figure.get_size_inches()[1]
-    text, swatch, bar_height = 0.55, 0.16, max(0.3, min(high - 0.85, 1.2))
-    figure.text(_MARGIN / WIDTH, 1 - top / whole, "positions of a pixel\nof the initial image", va="top", color=MUTED)
+    text, swatch, bar_height = 0.5, 0.16, max(0.3, high - 0.8)
+    figure.text(
+        _MARGIN / WIDTH, 1 - (top + 0.02) / whole, "positions of a pixel\nof the initial image", va="top", color=MUTED
+    )
     axes = place(figure, _MARGIN + 0.03, top + text, swatch, bar_height)
     bar = figure.colorbar(ScalarMappable(norm, colors), cax=axes)
     bar.set_ticks([tick for tick in bar.get_ticks() if tick == int(tick) and 1 <= tick <= norm.vmax])
     bar.ax.tick_params(labelcolor="black")
     bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
-    axes = place(figure, _MARGIN + 0.03, top + text + bar_height + 0.1, swatch, swatch)
+    axes = place(figure, _MARGIN + 0.03, top + text + bar_height + 0.12, swatch, swatch)
     bare(axes)
     axes.add_patch(Rectangle((0, 0), 1, 1, color=FAINT))
     axes.text(1.45, 0.45, "not shown", va="center")

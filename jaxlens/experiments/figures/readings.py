@@ -83,12 +83,13 @@ def psnr_chart(psnr: Mapping[str, Mapping[Reading, np.ndarray]]) -> Figure:
             continue
         label = list(psnr)[index]
         axes.set_title(label, loc="left", fontsize=9.5)
-        axes.plot(positions, [row.psnr for row in paper.TABLE_1], "D", color=BLACK, markersize=5.5, label="paper")
         for reading in READINGS:
             color, marker = _MARKS[reading]
             axes.plot(
                 positions, psnr[label][reading], "-" + marker, color=color, markersize=5, linewidth=1.2, label=reading
             )
+        theirs = [row.psnr for row in paper.TABLE_1]
+        axes.plot(positions, theirs, "D", color=BLACK, markerfacecolor="none", markersize=7, label="paper")
         axes.grid(axis="y")
         axes.set_axisbelow(True)
         if index + columns >= len(psnr):

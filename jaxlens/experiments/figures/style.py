@@ -60,12 +60,13 @@ def style() -> Iterator[None]:
     """Sets matplotlib's parameters while figures are drawn and written, from its defaults and not the user's."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
-        matplotlib.rcParams.update(_STYLE)
+        for key, value in _STYLE.items():
+            matplotlib.rcParams[key] = value  # pyright: ignore[reportArgumentType]
         yield
 
 
 def new_figure(width: float, height: float, *, by_hand: bool = False) -> Figure:
-    """Returns a figure of a size in inches, outside of pyplot's list, that lays itself out unless that is done by hand."""
+    """Returns a figure of a size in inches, outside of pyplot's list; it lays itself out, unless done by hand."""
     figure = Figure(figsize=(width, height), layout=None if by_hand else "constrained")
     FigureCanvasAgg(figure)
     return figure

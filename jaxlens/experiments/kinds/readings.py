@@ -53,7 +53,9 @@ def perform_readings(
                     table[name].append(value)
     write_csv(folder, table)
     write_csv(folder, scores, "scores.csv")
-    distances = {reading: [_distance(psnr[source.label][reading]) for source in sources] for reading in READINGS}
+    distances: dict[Reading, list[float]] = {
+        reading: [_distance(psnr[source.label][reading]) for source in sources] for reading in READINGS
+    }
     labels = [source.label for source in sources]
     save(distance_chart(labels, distances), folder, "distances", vector=True)
     save(psnr_chart(psnr), folder, "psnr", vector=True)

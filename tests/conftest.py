@@ -1,0 +1,25 @@
+"""What all tests share: strict broadcasting, and both precisions without a global switch."""
+
+import jax
+import pytest
+
+
+@pytest.fixture(autouse=True)
+def _strict_rank_promotion():
+    """Makes accidental broadcasting an error."""
+    with jax.numpy_rank_promotion("raise"):
+        yield
+
+
+@pytest.fixture
+def x64():
+    """Runs a test in double precision."""
+    with jax.enable_x64(True):
+        yield
+
+
+@pytest.fixture(params=["float32", "float64"])
+def dtype(request):
+    """Runs a test in both precisions, and tells which."""
+    with jax.enable_x64(request.param == "float64"):
+        yield request.param

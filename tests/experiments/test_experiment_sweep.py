@@ -1,0 +1,147 @@
+import io
+import json
+from pathlib import Path
+
+import jax
+import numpy as np
+import PIL.Image
+import pytest
+from rich.console import Console
+
+import jaxlens.experiments.kinds
+from jaxlens.experiments import ExperimentError, run
+from jaxlens.experiments.schema import Warp
+from jaxlens.experiments.sweeping import estimated_bytes, lanes_within, sweep
+from jaxlens.experiments.tables import csv_text
+
+FILES = [
+    "coverage.png",
+    "deformed.png",
+    "errors.png",
+    "manifest.json",
+    "metrics.png",
+    "metrics.svg",
+    "table.csv",
+]
+METRICS = ["snr", "psnr", "rmse", "mae", "mse", "range_snr", "uqi", "ssim", "minkowski", "coverage"]
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_a_second_run_gives_the_same_bytes(folder: Path):
+    first = run("tiny.toml", quiet=True)
+    assert first.folder == Path("results/tiny")
+    assert [path.name for path in first.files] == FILES
+    before = contents(first.folder)
+    after = contents(run("tiny.toml", quiet=True).folder)
+    del before["manifest.json"], after["manifest.json"]
+    assert after == before
+    assert [path.name for path in Path("results").iterdir()] == ["tiny"]
+
+
+def test_the_table_and_the_manifest(folder: Path):
+    report = run("tiny.toml", quiet=True, output="out")
+    lines = Path("out/table.csv").read_bytes().decode().split("\n")
+    assert lines[0] == ",".join(["kappa1", "kappa2", *METRICS])
+    assert lines[-1] == ""
+    assert [line.split(",")[:2] for line in lines[1:-1]] == [list(pair) for pair in ("01", "12", "13", "23", "32", "31")]
+    for cell in lines[1].split(","):
+        assert len(cell.replace(".", "").replace("-", "").lstrip("0")) <= 9
+    manifest = json.loads(Path("out/manifest.json").read_text())
+    assert manifest == report.manifest
+    assert manifest["experiment"] == "tiny"
+    assert (manifest["dtype"], manifest["seed"]) == ("float64", 0)
+    assert manifest["inputs"][0]["file"] == "tiny.png"
+    assert {"python", "jax", "jaxlib", "numpy", "jaxlens"} <= set(manifest["versions"])
+    assert sorted([*manifest["files"], "manifest.json"]) == FILES
+    assert str(folder) not in Path("out/manifest.json").read_text()
+
+
+def test_an_interrupted_run_leaves_the_earlier_results(folder: Path, monkeypatch: pytest.MonkeyPatch):
+    run("tiny.toml", quiet=True)
+    before = contents(Path("results/tiny"))
+
+    def interrupted(configuration, temporary: Path, progress: Console):
+        (temporary / "table.csv").write_text("kappa1,ka")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(jaxlens.experiments.kinds, "perform", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        run("tiny.toml", quiet=True)
+    assert contents(Path("results/tiny")) == before
+    assert [path.name for path in Path("results").iterdir()] == ["tiny"]
+
+
+def test_a_foreign_folder_is_refused_before_any_work(folder: Path, monkeypatch: pytest.MonkeyPatch):
+    Path("mine").mkdir()
+    Path("mine/thesis.tex").write_text("years of work")
+    monkeypatch.setattr(jaxlens.experiments.kinds, "perform", lambda *arguments: pytest.fail("began to work"))
+    with pytest.raises(ExperimentError, match=r"thesis\.tex"):
+        run("tiny.toml", quiet=True, output="mine")
+    assert contents(Path("mine")) == {"thesis.tex": b"years of work"}
+
+
+def test_a_broken_picture_gives_a_message_and_no_folder(folder: Path):
+    (folder / "tiny.png").write_bytes((folder / "tiny.png").read_bytes()[:200])
+    with pytest.raises(ExperimentError, match=r"tiny\.png"):
+        run("tiny.toml", quiet=True)
+    assert not Path("results").exists()
+
+
+@pytest.mark.parametrize(("value", "said"), [((0, 0, 0, 255), "black"), ((9, 9, 9, 99), "transparent")])
+def test_pictures_that_cannot_serve_are_refused(folder: Path, value: tuple[int, ...], said: str):
+    PIL.Image.new("RGBA", (16, 16), value).save("bad.png")
+    with pytest.raises(ExperimentError, match=said):
+        run("tiny.toml", image="bad.png", quiet=True)
+    assert not Path("results").exists()
+
+
+def test_the_report_shows_ours_the_papers_and_what_holds(folder: Path):
+    console = Console(file=io.StringIO(), width=100)
+    progress = Console(file=io.StringIO())
+    run("tiny.toml", console=console, progress=progress)
+    text = console.file.getvalue()  # pyright: ignore[reportAttributeAccessIssue]
+    for part in ("9.338", "16.314", "54.572*", "32.127*", "61.742", "170.587", "193.000 in all 6 rows", "6.97548"):
+        assert part in text
+    assert "6/6" in progress.file.getvalue()  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_orders_other_than_two_and_grids_have_their_columns_and_figures(folder: Path):
+    text = Path("tiny.toml").read_text(encoding="utf-8").replace('compare = "table1"', "")
+    head = text[: text.index("kappa = ")]
+    axis = "{ start = -0.2, stop = 0.4, count = %d }"
+    for name, axes in {"line": (13,), "plane": (1, 4, 4)}.items():
+        listed = ", ".join(axis % count for count in axes)
+        Path("grid.toml").write_text(head.replace("tiny", name, 1) + f"axes = [{listed}]", encoding="utf-8")
+        report = run("grid.toml", image="tiny.png", quiet=True)
+        rows = (report.folder / "table.csv").read_text().splitlines()
+        assert len(rows) == 1 + np.prod(axes)
+        assert rows[0].startswith(",".join(f"kappa{index + 1}" for index in range(len(axes))) + ",snr,")
+        assert (report.folder / "metrics.png").exists()
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_results_do_not_depend_on_how_the_grid_is_cut(dtype: str):
+    pixels = np.random.default_rng(0).uniform(0, 193, (24, 20)).astype(dtype)
+    kappa = np.random.default_rng(1).uniform(-0.3, 3, (7, 2))
+    with jax.enable_x64(dtype == "float64"):
+        tables = [
+            csv_text(sweep(pixels, kappa, peak=193.0, warp=Warp(), chunk=chunk, memory_mb=0.1))
+            for chunk in (1, 3, None)
+        ]
+    assert tables[0] == tables[1] == tables[2]
+
+
+def test_the_budget_bounds_the_lenses_computed_side_by_side():
+    pixels = np.zeros((512, 512))
+    assert lanes_within(1e-3, pixels) == 1
+    assert lanes_within(2.5 * estimated_bytes(pixels) / 1e6, pixels) == 2
+    assert lanes_within(1e9, pixels) == 4
+
+
+def test_csv_has_nine_significant_digits_and_no_negative_zero():
+    text = csv_text({"name": ["a", "b"], "value": np.array([1 / 3, -0.0]), "count": [1234567890123, 2]})
+    assert text == "name,value,count\na,0.333333333,1234567890123\nb,0,2\n"
+    assert csv_text({"x": [float("inf"), float("nan")]}) == "x\ninf\nnan\n"
