@@ -75,43 +75,40 @@ def sweep(
     image, columns = jnp.asarray(pixels), []
     for start in range(0, count, step):
         lenses = jnp.asarray(padded[start : start + step]).reshape(groups, lanes, order)
-        scores = _sweep_chunk(image, lenses, jnp.asarray(peak, pixels.dtype), reading=reading, **warp.model_dump())
+        scores = _sweep_chunk(image, lenses, jnp.asarray(peak, pixels.dtype), reading=reading, warp=warp)
         columns.append({name: np.asarray(column).ravel() for name, column in scores.items()})
         advance(min(step, count - start))
     return {name: np.concatenate([part[name] for part in columns])[:count] for name in columns[0]}
 
 
-@partial(jax.jit, static_argnames=("reading", "method", "border", "antialias"))
+@partial(jax.jit, static_argnames=("reading", "warp"))
 def _sweep_chunk(
-    image: Array,
-    lenses: Float[Array, "groups lanes order"],
-    peak: Float[Array, ""],
-    *,
-    reading: Reading,
-    fill: float,
-    **options,
+    image: Array, lenses: Float[Array, "groups lanes order"], peak: Float[Array, ""], *, reading: Reading, warp: Warp
 ) -> "OrderedDict[str, Array]":
     def score(kappa: Array) -> "OrderedDict[str, Array]":
-        mapping = source_map(kappa, reading)
-        picture = deform(image, kappa, reading=reading, fill=fill, **options)
+        picture = deform(image, kappa, warp=warp, reading=reading)
         # An OrderedDict, which keeps its order through JAX.
         scores = OrderedDict(metrics.evaluate(image, picture, data_range=peak))
-        scores["coverage"] = jnp.mean(coverage(mapping, *image.shape[:2]).astype(image.dtype))
+        covered = coverage(source_map(kappa, reading), *image.shape[:2])
+        scores["coverage"] = jnp.mean(covered.astype(image.dtype))
         return scores
 
     return lax.map(jax.vmap(score), lenses)
 
 
+@partial(jax.jit, static_argnames=("reading", "warp"))
 def deform(
     image: Float[Array, "height width *channels"],
     kappa: Float[Array, " order"],
     *,
+    warp: Warp,
     reading: Reading = "functional inverse",
-    **options,
 ) -> Float[Array, "height width *channels"]:
-    """Returns the image that Eq. 11 makes of an image; options as in `jaxlens.remap`."""
+    """Returns the image that Eq. 11, under one of its readings, makes of an image."""
     coordinates = source_coordinates(source_map(kappa, reading), *image.shape[:2])
-    return remap(image, coordinates, **options)
+    return remap(
+        image, coordinates, method=warp.method, border=warp.border, fill=warp.fill, antialias=warp.antialias
+    )
 
 
 def deform_all(
@@ -121,6 +118,6 @@ def deform_all(
     reading: Reading = "functional inverse",
 ) -> list[Float[np.ndarray, "height width *channels"]]:
     """Returns the deformed images of a few lenses."""
-    program = jax.jit(partial(deform, reading=reading, **warp.model_dump()))
     image = jnp.asarray(pixels)
-    return [np.asarray(program(image, jnp.asarray(one, pixels.dtype))) for one in kappa]
+    lenses = [jnp.asarray(one, pixels.dtype) for one in kappa]
+    return [np.asarray(deform(image, one, warp=warp, reading=reading)) for one in lenses]

@@ -16,9 +16,7 @@ def library(pixels, kappa=(0.3, 0.0), **options):
         return np.asarray(jl.undistort_image(pixels, jl.RadialPolynomial(np.array(kappa, np.float32)), **options))
 
 
-@pytest.mark.parametrize(
-    ("dtype", "channels"), [("uint8", 1), ("uint16", 3), ("uint16", 1), ("float32", 3), ("float16", 1), ("int16", 1)]
-)
+@pytest.mark.parametrize(("dtype", "channels"), [("uint8", 1), ("uint16", 3), ("float32", 3), ("float16", 1)])
 def test_kinds_of_pictures(dtype, channels):
     pixels = smooth(dtype, channels)
     warped = warp_pixels(pixels, PINCUSHION)
@@ -49,7 +47,7 @@ def test_transparent_colours_do_not_bleed():
         assert (warped[~seen] == 0).all()
 
 
-@pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32"])
+@pytest.mark.parametrize("dtype", ["uint8", "float32"])
 def test_opaque_pictures_are_warped_as_if_without_alpha(dtype):
     pixels = smooth(dtype, 4)
     warped, plain = warp_pixels(pixels, PINCUSHION), library(pixels[..., :3].copy())
@@ -123,8 +121,7 @@ def test_a_fill_that_does_not_fit(channels, fill, message):
         warp_pixels(smooth("uint8", channels), Warp("undistort", (3.0, 0.0), fill=tuple(map(float, fill))))
 
 
-@pytest.mark.parametrize("warp", [PINCUSHION, Warp("undistort", (0.9, 0.0), antialias=True)])
-@pytest.mark.parametrize("channels", [3, 4])
+@pytest.mark.parametrize(("warp", "channels"), [(PINCUSHION, 4), (Warp("undistort", (0.9, 0.0), antialias=True), 1)])
 def test_strips_make_the_same_picture(monkeypatch, warp, channels):
     pixels = smooth("float32", channels)
     whole = warp_pixels(pixels, warp)
@@ -152,6 +149,13 @@ def test_strips_cover_every_row_once(height, rows):
 def test_the_smallest_pictures(shape):
     pixels = np.full((*shape, 3), 7, np.uint8)
     assert warp_pixels(pixels, Warp("undistort", (0.0,))).tolist() == pixels.tolist()
+
+
+def test_antialiasing_reaches_the_library():
+    pixels = smooth("uint8", 1)
+    pixels[::2] = 0
+    warped = warp_pixels(pixels, Warp("undistort", (0.9, 0.0), antialias=True))
+    np.testing.assert_array_equal(warped, library(pixels, (0.9, 0.0), antialias=True))
 
 
 def test_inner_rectangle_of_the_identity():

@@ -49,11 +49,10 @@ def test_the_process_itself(run_process, picture):
 
 def test_options_reach_the_library(run, picture):
     output = picture.with_name("out.png")
-    options = ["--method", "bicubic", "--border", "reflect", "--antialias", "--fill", "7", "8", "9"]
-    assert run("distort", picture, "--kappa", "-0.9", "--output", output, *options).code == 0
-    expected = library(
-        smooth(), "distort", (-0.9,), method="bicubic", border="reflect", antialias=True, fill=np.float32([7, 8, 9])
-    )
+    options = ["--method", "bicubic_opencv", "--border", "reflect", "--fill", "7", "8", "9"]
+    assert run("distort", picture, "--kappa", "-0.9", "0", "--output", output, *options).code == 0
+    fill = np.float32([7, 8, 9])
+    expected = library(smooth(), "distort", (-0.9, 0.0), method="bicubic_opencv", border="reflect", fill=fill)
     np.testing.assert_array_equal(read_image(output).pixels, expected)
 
 

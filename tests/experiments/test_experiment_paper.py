@@ -14,7 +14,7 @@ def test_rmse_and_psnr_are_tied_by_a_peak_of_193_but_in_the_copied_row():
 
 def test_the_copied_row_repeats_another_and_implies_an_rmse_of_its_own():
     (copied,) = (row for row in paper.TABLE_1 if row.copied)
-    original = paper.row_of((1, 2))
+    original = paper.row_of((1.0, 2.0))
     assert original is not None
     assert copied.kappa == (2, 3)
     assert (copied.rmse, copied.mae) == (original.rmse, original.mae)

@@ -32,7 +32,7 @@ def table(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[float, float],
 
 
 def test_psnr_is_within_a_decibel_of_the_papers(table: dict):
-    for kappa in ((1, 2), (1, 3), (2, 3), (3, 2)):
+    for kappa in ((1.0, 2.0), (1.0, 3.0), (2.0, 3.0), (3.0, 2.0)):
         row = paper.row_of(kappa)
         assert row is not None
         assert table[kappa]["psnr"] == pytest.approx(row.psnr, abs=1.0)

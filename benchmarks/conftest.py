@@ -1,0 +1,22 @@
+"""The fixture that times a row, and what the run adds to pytest-benchmark's report."""
+
+import pytest
+
+from benchmarks.environment import describe
+from benchmarks.race import Race
+
+
+def pytest_addoption(parser):
+    parser.addoption("--row-seconds", type=float, default=3.0, help="how long to time each row (default: 3)")
+
+
+@pytest.fixture
+def race(benchmark, request):
+    """Times a row once its contenders are checked, see `Race`."""
+    row = request.node.get_closest_marker("row")
+    return Race(benchmark, {"work": row.args[0], "target": None} | row.kwargs, request.config.getoption("row_seconds"))
+
+
+def pytest_benchmark_update_json(config, benchmarks, output_json):
+    """Adds what pytest-benchmark does not know."""
+    output_json["environment"] = describe()

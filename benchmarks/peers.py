@@ -1,0 +1,152 @@
+"""The peers, each called as its own documentation would: inputs ready in its own arrays, its own number of threads.
+
+Every function returns a `Peer`, or None where the package is not installed. Each call allocates its own result, as a
+call of ours does.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+import jax
+import numpy as np
+
+from benchmarks.material import CAMERA_MATRIX, DISTORTION
+
+
+@dataclass(frozen=True)
+class Peer:
+    """One contender of another library.
+
+    Attributes:
+        run: Does the work, and returns when it is done.
+        read: Turns what `run` returned into an array laid out as ours.
+        device: Where it runs.
+    """
+
+    run: Callable[[], Any]
+    read: Callable[[Any], np.ndarray] = np.asarray
+    device: str = "CPU"
+
+
+def load(package: str) -> Any:
+    """Returns a module, or None where it is not installed."""
+    try:
+        return import_module(package)
+    except ImportError:
+        return None
+
+
+def opencv_remap(image: np.ndarray, coordinates: np.ndarray, interpolation: str = "INTER_LINEAR") -> Peer | None:
+    """`cv2.remap` with a ready map of two float32 planes."""
+    if (cv2 := load("cv2")) is None:
+        return None
+    x, y = np.ascontiguousarray(coordinates[..., 0]), np.ascontiguousarray(coordinates[..., 1])
+    mode = getattr(cv2, interpolation)
+    return Peer(lambda: cv2.remap(image, x, y, mode))
+
+
+def opencv_distort_map(size: int) -> Peer | None:
+    """`cv2.initInverseRectificationMap`, OpenCV's only way to distort an image."""
+    if (cv2 := load("cv2")) is None:
+        return None
+    return Peer(
+        lambda: cv2.initInverseRectificationMap(
+            CAMERA_MATRIX, DISTORTION, None, CAMERA_MATRIX, (size, size), cv2.CV_32FC1
+        ),
+        read=lambda planes: np.stack(planes, -1),
+    )
+
+
+def opencv_distort(image: np.ndarray) -> Peer | None:
+    """`cv2.initInverseRectificationMap`, then `cv2.remap`."""
+    if (cv2 := load("cv2")) is None or (source := opencv_distort_map(len(image))) is None:
+        return None
+    return Peer(lambda: cv2.remap(image, *source.run(), cv2.INTER_LINEAR))
+
+
+def opencv_undistort(image: np.ndarray) -> Peer | None:
+    """`cv2.undistort`."""
+    if (cv2 := load("cv2")) is None:
+        return None
+    return Peer(lambda: cv2.undistort(image, CAMERA_MATRIX, DISTORTION))
+
+
+def opencv_undistort_by_map(image: np.ndarray) -> Peer | None:
+    """`cv2.initUndistortRectifyMap`, then `cv2.remap`: OpenCV's fastest way."""
+    if (cv2 := load("cv2")) is None:
+        return None
+    size = image.shape[1::-1]
+
+    def run() -> np.ndarray:
+        x, y = cv2.initUndistortRectifyMap(CAMERA_MATRIX, DISTORTION, None, CAMERA_MATRIX, size, cv2.CV_32FC1)
+        return cv2.remap(image, x, y, cv2.INTER_LINEAR)
+
+    return Peer(run)
+
+
+def opencv_undistort_points(points: np.ndarray, tolerance: float | None = None) -> Peer | None:
+    """`cv2.undistortPoints`: at its default of five fixed-point steps, or iterated until it moves less than this."""
+    if (cv2 := load("cv2")) is None:
+        return None
+    points, identity = points[:, None], np.eye(3)
+    if tolerance is None:
+        run = lambda: cv2.undistortPoints(points, identity, DISTORTION)  # noqa: E731
+    else:
+        criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 1000, tolerance)
+        run = lambda: cv2.undistortPoints(points, identity, DISTORTION, criteria=criteria)  # noqa: E731
+    return Peer(run, read=lambda found: found[:, 0])
+
+
+def torch_grid_sample(image: np.ndarray, coordinates: np.ndarray) -> Peer | None:
+    """`torch.nn.functional.grid_sample` with a ready map; channels first, as PyTorch keeps images."""
+    if (torch := load("torch")) is None:
+        return None
+    height, width = image.shape[:2]
+    device = _torch_device(torch)
+    tensor = torch.from_numpy(image).permute(2, 0, 1)[None].contiguous().to(device)
+    # With align_corners=True −1 and 1 are the centres of the first and the last pixel.
+    scale = 2 / np.array([width - 1, height - 1])
+    grid = torch.from_numpy((coordinates * scale - 1).astype(np.float32))[None].to(device)
+    run = lambda: torch.nn.functional.grid_sample(tensor, grid, align_corners=True)  # noqa: E731
+    return _torch_peer(torch, run, device)
+
+
+def kornia_undistort(image: np.ndarray) -> Peer | None:
+    """`kornia.geometry.calibration.undistort_image`, lens to picture."""
+    torch = load("torch")
+    if torch is None or (calibration := load("kornia.geometry.calibration")) is None:
+        return None
+    device = _torch_device(torch)
+    tensor = torch.from_numpy(image).permute(2, 0, 1)[None].contiguous().to(device)
+    camera_matrix, distortion = (
+        torch.from_numpy(values.astype(np.float32))[None].to(device) for values in (CAMERA_MATRIX, DISTORTION)
+    )
+    return _torch_peer(torch, lambda: calibration.undistort_image(tensor, camera_matrix, distortion), device)
+
+
+def skimage_ssim(reference: np.ndarray, image: np.ndarray, *, gaussian: bool) -> Peer | None:
+    """`structural_similarity` of colour images: with the Gaussian window of the SSIM paper, or at its own default."""
+    if (metrics := load("skimage.metrics")) is None:
+        return None
+    # The three settings with which scikit-image's documentation matches the paper.
+    options = {"gaussian_weights": True, "sigma": 1.5, "use_sample_covariance": False} if gaussian else {}
+    return Peer(
+        lambda: metrics.structural_similarity(reference, image, data_range=255.0, channel_axis=-1, **options),
+    )
+
+
+def _torch_device(torch: Any) -> str:
+    return "cuda" if jax.default_backend() == "gpu" and torch.cuda.is_available() else "cpu"
+
+
+def _torch_peer(torch: Any, start: Callable[[], Any], device: str) -> Peer:
+    def run() -> Any:
+        with torch.inference_mode():
+            tensor = start()
+        if device == "cuda":
+            torch.cuda.synchronize()
+        return tensor
+
+    return Peer(run, read=lambda tensor: tensor[0].permute(1, 2, 0).cpu().numpy(), device=device.upper())

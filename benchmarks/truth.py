@@ -1,0 +1,72 @@
+"""References in float64 NumPy, written for clarity and not for speed: both contenders are measured against them."""
+
+import numpy as np
+
+from benchmarks.material import CAMERA_MATRIX, KAPPA, SIZE
+
+_NEWTON_STEPS = 50
+# Pixels from the edge within which contenders may differ, as they treat what lies outside in their own ways.
+_MARGIN = 3.0
+
+
+def distorted_from() -> np.ndarray:
+    """Returns `(SIZE, SIZE, 2)`: where each pixel of a distorted picture comes from, the exact inverse of the lens."""
+    observed = _normalized_grid()
+    radius = np.hypot(observed[..., 0], observed[..., 1])
+    ideal = radius.copy()
+    for _ in range(_NEWTON_STEPS):
+        squared = ideal * ideal
+        slope = 1 + squared * (3 * KAPPA[0] + squared * 5 * KAPPA[1])
+        ideal -= (ideal * _factor(squared) - radius) / slope
+    return _pixels(observed / _factor(ideal * ideal)[..., None])
+
+
+def undistorted_from() -> np.ndarray:
+    """Returns `(SIZE, SIZE, 2)`: where each pixel of an undistorted picture comes from, the lens itself."""
+    ideal = _normalized_grid()
+    return _pixels(ideal * _factor(np.sum(ideal * ideal, -1))[..., None])
+
+
+def interior(coordinates: np.ndarray) -> np.ndarray:
+    """Returns which coordinates lie well inside the picture."""
+    return np.all((coordinates >= _MARGIN) & (coordinates <= SIZE - 1 - _MARGIN), -1)
+
+
+def bilinear(image: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
+    """Samples at interior coordinates `(N, 2)`."""
+    return _separable(image, coordinates, 2, lambda t: 1 - t)
+
+
+def bicubic(image: np.ndarray, coordinates: np.ndarray, a: float = -0.75) -> np.ndarray:
+    """Samples at interior coordinates `(N, 2)` with Keys's kernel; a = −0.75 is OpenCV's."""
+
+    def kernel(t: np.ndarray) -> np.ndarray:
+        near = ((a + 2) * t - (a + 3)) * t * t + 1
+        return np.where(t <= 1, near, a * (((t - 5) * t + 8) * t - 4))
+
+    return _separable(image, coordinates, 4, kernel)
+
+
+def _separable(image, coordinates, taps, kernel) -> np.ndarray:
+    whole = np.floor(coordinates).astype(int)
+    total = np.zeros((*coordinates.shape[:-1], *image.shape[2:]))
+    offsets = range(1 - taps // 2, 1 + taps // 2)
+    for row in offsets:
+        for column in offsets:
+            at = whole + (column, row)
+            weight = np.prod(kernel(np.abs(coordinates - at)), -1)
+            total += weight.reshape(weight.shape + (1,) * (total.ndim - weight.ndim)) * image[at[..., 1], at[..., 0]]
+    return total
+
+
+def _factor(squared: np.ndarray) -> np.ndarray:
+    return 1 + squared * (KAPPA[0] + squared * KAPPA[1])
+
+
+def _normalized_grid() -> np.ndarray:
+    y, x = np.mgrid[:SIZE, :SIZE].astype(np.float64)
+    return (np.stack([x, y], -1) - CAMERA_MATRIX[:2, 2]) / CAMERA_MATRIX[0, 0]
+
+
+def _pixels(points: np.ndarray) -> np.ndarray:
+    return points * CAMERA_MATRIX[0, 0] + CAMERA_MATRIX[:2, 2]
