@@ -55,7 +55,9 @@ def check(
     if theirs is not None:
         their_error = error(theirs.read(theirs.run()))
         allowed = peer_limit is None or their_error <= peer_limit
-        assert allowed, f"{what}: theirs is off by {their_error:.3g}, {peer_limit:g} was expected; is it called rightly?"
+        assert allowed, (
+            f"{what}: theirs is off by {their_error:.3g}, {peer_limit:g} was expected; is it called rightly?"
+        )
     return Check(what, float(our_error), None if their_error is None else float(their_error), limit)
 
 

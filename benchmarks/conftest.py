@@ -1,9 +1,17 @@
 """The fixture that times a row, and what the run adds to pytest-benchmark's report."""
 
+import os
+
 import pytest
 
 from benchmarks.environment import describe
 from benchmarks.race import Race
+
+_LOAD = pytest.StashKey[float]()
+
+
+def pytest_configure(config):
+    config.stash[_LOAD] = os.getloadavg()[0]
 
 
 def pytest_addoption(parser):
@@ -19,4 +27,4 @@ def race(benchmark, request):
 
 def pytest_benchmark_update_json(config, benchmarks, output_json):
     """Adds what pytest-benchmark does not know."""
-    output_json["environment"] = describe()
+    output_json["environment"] = describe(config.stash[_LOAD])

@@ -24,20 +24,21 @@ _PACKAGES = (
     "pytest-benchmark",
 )
 # What changes speed from outside, should someone have set it.
-_VARIABLES = ("XLA_FLAGS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "GLIBC_TUNABLES", "LD_PRELOAD", "JAX_ENABLE_X64")
+_VARIABLES = ("XLA_FLAGS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "GLIBC_TUNABLES", "JAX_ENABLE_X64")
 
 
-def describe() -> dict[str, object]:
-    """Returns the machine, versions, threads, commit and date."""
+def describe(load_before: float) -> dict[str, object]:
+    """Returns the machine, its load before the run, versions, threads, commit and date."""
     device = jax.devices()[0]
     return {
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="minutes"),
         "commit": commit(),
         "device": "CPU" if device.platform == "cpu" else device.device_kind,
         "cpu": _cpu_model(),
-        "cores": len(os.sched_getaffinity(0)),
+        "cores": _cores(),
         "memory_gib": round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30),
         "system": f"{platform.system()} {platform.machine()}",
+        "load_before": round(load_before, 2),
         "threads": _threads(),
         "set": {name: os.environ[name] for name in _VARIABLES if name in os.environ},
         "versions": {"python": platform.python_version()} | {name: _version(name) for name in _PACKAGES},
@@ -70,8 +71,13 @@ def _cpu_model() -> str:
     return names[0] if names else platform.processor() or "unknown"
 
 
+def _cores() -> int:
+    # Those that the process may use; not every system tells.
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def _threads() -> dict[str, int]:
-    threads = {"XLA": len(os.sched_getaffinity(0))}  # its pool has one for each core
+    threads = {"XLA": _cores()}  # its pool has one for each core
     if (cv2 := load("cv2")) is not None:
         threads["OpenCV"] = cv2.getNumThreads()
     if (torch := load("torch")) is not None:

@@ -20,11 +20,13 @@ DISTORTION = np.array([*KAPPA, 0, 0, 0])
 def picture(channels: int = CHANNELS) -> np.ndarray:
     """Returns `(SIZE, SIZE, channels)` float32 within [0, 255]: waves of 25 to 100 pixels.
 
-    Smooth on purpose. OpenCV rounds positions to 1/32 of a pixel: on such a picture that costs it a grey level or so,
-    while a mistake of a whole pixel would still be seen. How long a warp takes does not depend on the values.
+    Smooth on purpose: OpenCV 4, and `cv2.undistort` still, round positions to 1/32 of a pixel, which on such a picture
+    costs half a grey level, while a wrong pixel would cost many. How long a warp takes does not depend on the values.
     """
     y, x = np.mgrid[:SIZE, :SIZE]
-    waves = np.stack([np.sin(x / (4 + 2 * c) + y / (9 + c)) + np.cos(y / (5 + c) - x / 16) for c in range(channels)], -1)
+    waves = np.stack(
+        [np.sin(x / (4 + 2 * c) + y / (9 + c)) + np.cos(y / (5 + c) - x / 16) for c in range(channels)], -1
+    )
     return (127.5 + 63 * waves).astype(np.float32)
 
 

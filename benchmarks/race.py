@@ -41,7 +41,6 @@ class Race:
         checks: Sequence[Check],
         moved: int,
         per: int = 1,
-        per_theirs: int = 1,
     ) -> None:
         """Times a pair that has been checked.
 
@@ -55,16 +54,21 @@ class Race:
             package: The peer's name; None where ours runs alone.
             checks: What was found before.
             moved: Bytes of inputs read and outputs written, as few as the work allows.
-            per: How many units of work a call of ours does; times are for one.
-            per_theirs: The same for theirs.
+            per: How many times the peer's work a call of ours does; the times are for once.
         """
         run_ours = _finished(ours)
+        if self.benchmark.disabled:  # --benchmark-disable: only the checks were wanted
+            self.benchmark.pedantic(run_ours)
+            return
         run_theirs = None if theirs is None else _discarded(theirs.run)
         run_copy = _copy_of(moved)
         turns = [run for run in (run_theirs, run_copy, run_ours) if run is not None]
-        long = {run: _duration(run) > _LONG for run in turns for _ in range(_WARMUP)}
+        for run in turns * _WARMUP:
+            run()
+        long = {run: _duration(run) > _LONG for run in turns}
         began = time.perf_counter()
-        _round(turns, long)
+        for run in turns:
+            _turn(run, long[run])
         estimate = time.perf_counter() - began
         rounds = min(max(int(self.seconds / estimate), _LEAST_ROUNDS), _MOST_ROUNDS)
 
@@ -78,10 +82,8 @@ class Race:
             _prepare(run_ours, long[run_ours])
 
         self.benchmark.pedantic(run_ours, setup=before_ours, rounds=rounds, warmup_rounds=1)
-        if self.benchmark.stats is None:  # --benchmark-disable: only the checks were wanted
-            return
         our_times = [seconds / per for seconds in self.benchmark.stats.stats.data]
-        their_times = [seconds / per_theirs for seconds in their_times[-rounds:]]
+        their_times = their_times[-rounds:]
         copy_times = [seconds / per for seconds in copy_times[-rounds:]]
         self.benchmark.extra_info.update(
             self.row,
@@ -130,11 +132,6 @@ def _copy_of(moved: int) -> Callable[[], None]:
     source = jnp.ones(moved // 8, jnp.float32)
     copy = jax.jit(jnp.copy)
     return _finished(lambda: copy(source))
-
-
-def _round(turns: list[Callable[[], None]], long: dict[Callable[[], None], bool]) -> None:
-    for run in turns:
-        _turn(run, long[run])
 
 
 def _turn(run: Callable[[], None], long: bool) -> float:

@@ -53,7 +53,7 @@ def _separable(image, coordinates, taps, kernel) -> np.ndarray:
     offsets = range(1 - taps // 2, 1 + taps // 2)
     for row in offsets:
         for column in offsets:
-            at = whole + (column, row)
+            at = whole + np.array([column, row])
             weight = np.prod(kernel(np.abs(coordinates - at)), -1)
             total += weight.reshape(weight.shape + (1,) * (total.ndim - weight.ndim)) * image[at[..., 1], at[..., 0]]
     return total

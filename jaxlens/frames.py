@@ -1,7 +1,5 @@
 """Frames: between pixels and the normalized coordinates in which a map is written (Eq. 10)."""
 
-from typing import Self
-
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
@@ -27,7 +25,7 @@ class Frame(eqx.Module):
         self.scale = jnp.broadcast_to(as_floating(scale), (2,))
 
     @classmethod
-    def half_diagonal(cls, height: ArrayLike, width: ArrayLike) -> Self:
+    def half_diagonal(cls, height: ArrayLike, width: ArrayLike) -> "Frame":
         """Returns the frame of Eq. 10: centre (w/2, h/2), half the diagonal as unit.
 
         With pixel centres at integers the middle of the image is ((w − 1)/2, (h − 1)/2); Eq. 10's centre lies half
@@ -37,7 +35,7 @@ class Frame(eqx.Module):
         return cls(center, jnp.hypot(center[0], center[1]))
 
     @classmethod
-    def from_camera_matrix(cls, camera_matrix: Float[ArrayLike, "3 3"]) -> Self:
+    def from_camera_matrix(cls, camera_matrix: Float[ArrayLike, "3 3"]) -> "Frame":
         """Returns the frame of a camera matrix `[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]` without skew."""
         matrix = as_floating(camera_matrix)
         if matrix.shape != (3, 3):
@@ -55,7 +53,7 @@ class Frame(eqx.Module):
         x, y = split(as_points(points))
         return join(x * self.scale[0] + self.center[0], y * self.scale[1] + self.center[1])
 
-    def zoomed(self, zoom: ArrayLike) -> Self:
+    def zoomed(self, zoom: ArrayLike) -> "Frame":
         """Returns the frame of a picture enlarged about this one's centre: `zoom` times the pixels per unit."""
         return type(self)(self.center, self.scale * zoom)
 

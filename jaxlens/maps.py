@@ -2,7 +2,6 @@
 
 import abc
 import enum
-from typing import Self
 
 import equinox as eqx
 import jax
@@ -210,6 +209,6 @@ class Chain(CoordinateMap):
             status = jnp.where(status == InverseStatus.CONVERGED, step.status, status)
         return Inverse(points, status == InverseStatus.CONVERGED, status)
 
-    def then(self, *others: CoordinateMap) -> Self:
+    def then(self, *others: CoordinateMap) -> "Chain":
         """Returns the longer chain."""
         return type(self)((*self.maps, *others))

@@ -1,11 +1,13 @@
 """Small numerical helpers that every layer of the core shares."""
 
+from collections.abc import Sequence
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 
-def as_floating(values: ArrayLike) -> Array:
+def as_floating(values: ArrayLike | Sequence) -> Array:
     """Returns `values` as a floating array: floats keep their dtype, anything else gets JAX's default float."""
     array = jnp.asarray(values)
     if jnp.issubdtype(array.dtype, jnp.complexfloating):
@@ -15,7 +17,7 @@ def as_floating(values: ArrayLike) -> Array:
     return array.astype(jnp.result_type(float))
 
 
-def as_points(points: ArrayLike) -> Float[Array, "*batch 2"]:
+def as_points(points: ArrayLike | Sequence) -> Float[Array, "*batch 2"]:
     """Returns `points` as a floating array and checks that its last axis holds (x, y).
 
     Raises:

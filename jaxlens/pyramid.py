@@ -52,6 +52,9 @@ def footprint(
         The unit vector along the longer axis, and the lengths of the longer and the shorter axis in source pixels.
     """
     coordinates = lax.stop_gradient(coordinates)
+    # The fourth powers of longer steps would overflow; they leave the image anyway.
+    furthest = 0.1 * float(jnp.finfo(coordinates.dtype).max) ** 0.25
+    coordinates = jnp.where(jnp.isfinite(coordinates), jnp.clip(coordinates, -furthest, furthest), jnp.nan)
     ax, ay = split(_difference(coordinates, axis=1))
     bx, by = split(_difference(coordinates, axis=0))
     # Eigenvalues and the leading eigenvector of J Jᵀ.
@@ -67,7 +70,7 @@ def footprint(
 
 def _difference(values: Array, axis: int) -> Array:
     """The derivative along an axis: central where both neighbours are finite, one-sided where one is, else zero."""
-    forward = jnp.diff(values, axis=axis, append=jnp.full_like(lax.slice_in_dim(values, 0, 1, axis=axis), jnp.nan))
+    forward = jnp.diff(values, axis=axis, append=jnp.nan)
     backward = jnp.roll(forward, 1, axis=axis)  # the appended NaN comes first
     has_forward, has_backward = jnp.isfinite(forward), jnp.isfinite(backward)
     total = jnp.where(has_forward, forward, 0) + jnp.where(has_backward, backward, 0)

@@ -9,7 +9,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, ArrayLike, Float, Real
 
-from jaxlens.numerics import as_points, split
+from jaxlens.numerics import as_points, epsilon, split
 from jaxlens.pyramid import build_pyramid, footprint
 
 Method = Literal["nearest", "bilinear", "bicubic", "bicubic_opencv"]
@@ -39,28 +39,32 @@ def remap(
     """Samples an image at pixel coordinates.
 
     Args:
-        image: `(H, W)` or `(H, W, C)`, of any real dtype.
+        image: `(H, W)` or `(H, W, C)`, of any real dtype. A pixel that is not finite spoils the samples whose kernel
+            spans it, even with weight zero, and no others.
         coordinates: `(..., 2)` source positions in pixels, (x, y) order, pixel centres at integers. Where one of
             the two is not finite the result is `fill`, whatever the border.
         method: The interpolation, see `Method`. Nearest rounds halves up.
         border: What lies outside the image, see `Border`: `constant` is `fill` (interpolated with the edge pixels, as
             OpenCV does), `edge` repeats the last pixel, `reflect` mirrors about the edge
             (d c b a | a b c d | d c b a), `wrap` continues on the other side.
-        fill: The value outside the image: a number, or one for each channel.
+        fill: The value outside the image: a number, or one for each channel. NaN marks, in a floating image, every
+            sample that some of it would enter.
         antialias: Average over each output pixel's footprint in the source where the map shrinks the image. The
             footprint comes from the map's Jacobian, that is from neighbouring coordinates, which must then have
             shape `(H', W', 2)`. Where nothing shrinks the result is that of `antialias=False`.
 
     Returns:
         `(..., C)` or `(...)` samples in the dtype of the image; integers are rounded to the nearest (halves to even)
-        and saturated. Differentiable with respect to the image (floating), the coordinates (except nearest) and
-        the fill value; with respect to coordinates the derivative is that of the interpolant, one-sided at pixels.
+        and saturated (32-bit ones pass through single precision unless x64 is on). Differentiable with respect to
+        the image (floating), the coordinates (except nearest) and the fill value; with respect to coordinates the
+        derivative is that of the interpolant, and at pixels the one towards larger coordinates.
 
     Raises:
         ValueError: a shape, method, border or fill value that does not fit.
     """
     image, coordinates = jnp.asarray(image), as_points(coordinates)
     _check(image, coordinates, method, border, antialias)
+    coordinates = coordinates.astype(jnp.promote_types(coordinates.dtype, jnp.float32))  # half cannot count pixels
     pixels = image if image.ndim == 3 else image[..., None]
     fill = jnp.asarray(fill)
     if fill.ndim > 1 or fill.shape not in ((), (1,), (pixels.shape[-1],)):
@@ -130,6 +134,9 @@ def _interpolate(pixels, offset, height, width, x, y, *, method, border, fill, d
     finite = jnp.isfinite(x) & jnp.isfinite(y)
     columns = _taps(jnp.where(finite, x, -_FAR), width, method, border)
     rows = _taps(jnp.where(finite, y, -_FAR), height, method, border)
+    if border != "constant":
+        # In the weights: a select on the total would keep XLA from vectorizing the loop.
+        rows = [(row, jnp.where(finite, weight, 0)) for row, weight in rows]
     total = jnp.zeros((), dtype)
     for row, row_weight in rows:
         for column, column_weight in columns:
@@ -139,8 +146,18 @@ def _interpolate(pixels, offset, height, width, x, y, *, method, border, fill, d
         covered = sum(weight for _, weight in columns) * sum(weight for _, weight in rows)
     else:
         covered = finite
-        total = jnp.where(finite[..., None], total, 0)
-    return total + (1 - covered.astype(dtype))[..., None] * fill.astype(dtype)
+    share = (1 - covered.astype(dtype))[..., None]
+    fill = jnp.expand_dims(fill.astype(dtype), range(x.ndim))
+    # A fill that is not finite (NaN, to mark what is missing) counts where it has a share beyond rounding, and has
+    # no derivative.
+    regular = jnp.where(jnp.isfinite(fill), fill, 0)
+    missing = lax.stop_gradient(fill - regular)
+    total = total + share * regular + jnp.where(jnp.abs(share) > 16 * epsilon(x.dtype), missing, 0)
+    if not jnp.issubdtype(pixels.dtype, jnp.floating):
+        return total
+    # A NaN among the pixels spoils, by 0 · NaN, what does not depend on them: there it is the fill value.
+    spoiled = jnp.where(share == 1, 0, jnp.nan).astype(dtype)
+    return jnp.where(total == total, total, spoiled + fill)
 
 
 def _sample_footprint(
@@ -175,11 +192,15 @@ def _sample_footprint(
 
     def add_probe(total, position):
         x, y = split(coordinates + (position * (longer - shorter))[..., None] * direction)
+        # The halvings of an odd size are longer than the image: further periods would drift.
+        x, y = _first_period(x, pixels.shape[1], border), _first_period(y, pixels.shape[0], border)
         blended = (1 - share) * at_level(fine, x, y) + share * at_level(coarse, x, y)
         return total + blended / _PROBES, None
 
     positions = (jnp.arange(_PROBES, dtype=coordinates.dtype) + 0.5) / _PROBES - 0.5
-    return lax.scan(add_probe, jnp.zeros((*longer.shape, pixels.shape[-1]), dtype), positions)[0]
+    averaged = lax.scan(add_probe, jnp.zeros((*longer.shape, pixels.shape[-1]), dtype), positions)[0]
+    plain = _sample(pixels, *split(coordinates), method, border, fill)
+    return jnp.where((longer > 1)[..., None], averaged, plain)
 
 
 def _cast(samples: Array, dtype) -> Array:
@@ -198,10 +219,13 @@ def _cast(samples: Array, dtype) -> Array:
 def _taps(position: Array, size: int | Array, method: str, border: str) -> list[tuple[Array, Array]]:
     """The pixels that an interpolation along one axis reads: their indices, always inside, and their weights."""
     count = _TAPS[method]
-    # floor(x) − 1 is the first of four, floor(x) of two; the nearest is floor(x + 1/2).
-    first = jnp.floor(position + 0.5) if count == 1 else jnp.floor(position) - (count // 2 - 1)
+    # floor(x) − 1 is the first of four, floor(x) of two; the nearest is floor(x + 1/2), without its rounding error.
+    first = jnp.floor(position)
+    first = first + (position - first >= 0.5) if count == 1 else first - (count // 2 - 1)
     if border != "constant":
-        return [(_border_index(first + k, size, border), _kernel(position - (first + k), method)) for k in range(count)]
+        # By the offset, not by the distance to `first + k`: far outside that rounds, and weights must add up to one.
+        offset = position - first
+        return [(_border_index(first + k, size, border), _kernel(offset - k, method)) for k in range(count)]
     position = jnp.clip(position, -_FAR, size + _FAR)
     # The `count` neighbouring pixels of the image nearest to the position: the kernel vanishes at those that
     # it does not reach, so outside the image the weights fade to nothing by themselves.
@@ -212,6 +236,14 @@ def _taps(position: Array, size: int | Array, method: str, border: str) -> list[
         weight = jnp.where(index < size, _kernel(position - index, method), 0)
         taps.append((jnp.minimum(index, size - 1).astype(jnp.int32), weight))
     return taps
+
+
+def _first_period(position: Array, size: int, border: str) -> Array:
+    """The position within the image, or half a pixel beside it, that shows the same."""
+    if border == "reflect":
+        period = jnp.mod(position + 0.5, 2 * size)
+        return jnp.where(period < size, period, 2 * size - period) - 0.5
+    return jnp.mod(position + 0.5, size) - 0.5 if border == "wrap" else position
 
 
 def _border_index(index: Array, size: int | Array, border: str) -> Array:
@@ -228,9 +260,11 @@ def _kernel(distance: Array, method: str) -> Array:
     """The weight of a pixel at a signed distance."""
     if method == "nearest":
         return ((distance >= -0.5) & (distance < 0.5)).astype(distance.dtype)
-    t = jnp.abs(distance)
     if method == "bilinear":
-        return jnp.maximum(0, 1 - t)
+        # At its corners it takes the slope to their right, so that the derivatives of the weights cancel there too.
+        weight = jnp.where(distance < 0, 1 + distance, 1 - distance)
+        return jnp.where((distance >= -1) & (distance < 1), weight, 0)
+    t = jnp.abs(distance)
     a = _CUBIC[method]  # Keys (1981), Eq. 4
     near = ((a + 2) * t - (a + 3)) * t * t + 1
     far = a * (((t - 5) * t + 8) * t - 4)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from jaxlens.cli.errors import UsageError
-from jaxlens.cli.options import check_file
+from jaxlens.cli.options import check_path
 
 
 @dataclass(frozen=True)
@@ -37,11 +37,11 @@ def plan_jobs(inputs: tuple[Path, ...], output: str) -> list[Job]:
         At least one job; no two have one target, and no file occurs twice.
 
     Raises:
-        UsageError: an input does not exist, a folder holds no picture, the output is not of the kind that is
+        UsageError: the only input does not exist, a folder holds no picture, the output is not of the kind that is
             needed, or two inputs would have the same output.
     """
-    for path in inputs:
-        check_file(path)
+    if len(inputs) == 1:
+        check_path(inputs[0])  # of several, one that is missing is named when its turn comes
     sources = list(dict.fromkeys(file for path in inputs for file in _files_of(path)))
     path = Path(output)
     names_folder = path.is_dir() or output.endswith(("/", os.sep))
@@ -115,7 +115,7 @@ def _without_clashes(jobs: list[Job]) -> list[Job]:
         other = taken.setdefault(key, job)
         if other is job:
             continue
-        if not os.path.samefile(other.source, job.source):
+        if not (job.source.exists() and other.source.exists() and os.path.samefile(other.source, job.source)):
             raise UsageError(
                 f"{str(other.source)!r} and {str(job.source)!r} would both be written to {str(job.target)!r}; "
                 "run them apart, each into a folder of its own"

@@ -25,9 +25,8 @@ class WarpArguments:
     files: Annotated[Paths, Positional, paths("FILE..."), arg(help_behavior_hint="")]
     """Pictures (PNG, JPEG, TIFF, WebP, BMP, PNM, GIF), or folders of them, which are not searched deeper."""
 
-    kappa: Annotated[Numbers, numbers("K1 [K2 ...]"), arg(aliases=["-k"])]
-    """The lens, Φ(r²) = 1 + κ1 r² + κ2 r⁴ + …; r is the distance from the centre in half-diagonals of the picture;
-    negative is barrel, positive pincushion."""
+    kappa: Annotated[Numbers, numbers("K1 [K2 ...]", largest=1e6), arg(aliases=["-k"])]
+    """The lens Φ(r²) = 1 + κ1 r² + κ2 r⁴ + …, r in half-diagonals from its centre; κ < 0 is barrel, > 0 pincushion."""
 
     output: Annotated[str, arg(metavar="PATH", aliases=["-o"])]
     """For one picture its new file, or a folder that exists or ends in a slash; for several, or a folder of them, a
@@ -40,10 +39,12 @@ class WarpArguments:
     """What lies outside the picture: the fill value, its last pixels repeated, its mirror image, its other side."""
 
     fill: Annotated[
-        Optional[Numbers], numbers("VALUE [VALUE ...]"), arg(help_behavior_hint="(default: black, or transparent)")
+        Optional[Numbers],
+        numbers("VALUE [VALUE ...]", nan=True),
+        arg(help_behavior_hint="(default: black, or transparent)"),
     ] = None
-    """The value of pixels without a source, one for all channels or one for each, on the picture's own scale (up to
-    255 with 8 bits, 65535 with 16); with alpha, it is opaque unless an alpha is given last."""
+    """The value of pixels without a source, for all channels or for each, on the picture's own scale (8 bits end at
+    255, 16 at 65535; NaN is for floating ones); with alpha, it is opaque unless an alpha is given last."""
 
     crop: Annotated[bool, arg(help_behavior_hint="")] = False
     """Keep only the largest upright rectangle without border."""
@@ -53,7 +54,7 @@ class WarpArguments:
 
     center: Annotated[
         Optional[Numbers],
-        numbers("X Y", count=2),
+        numbers("X Y", count=2, largest=1e6),
         arg(help_behavior_hint="(default: half of its width and height)"),
     ] = None
     """The lens's centre in pixels from the centre of the first one, to the right and down."""
@@ -74,6 +75,8 @@ def check_options(options: WarpArguments) -> None:
     Raises:
         UsageError: an option's value is out of bounds.
     """
+    if not options.output:
+        raise UsageError("--output is empty; a variable in your script may be unset")
     if options.quality is not None and not 1 <= options.quality <= 100:
         raise UsageError(f"--quality is from 1 to 100, got {options.quality}")
     if options.fill is not None and len(options.fill) > 4:
@@ -91,7 +94,7 @@ def check_max_pixels(max_pixels: int | None) -> None:
         raise UsageError(f"--max-pixels is at least 1, got {max_pixels}")
 
 
-def check_file(path: Path) -> None:
+def check_path(path: Path) -> None:
     """Refuses a path where there is nothing.
 
     Raises:
@@ -104,3 +107,14 @@ def check_file(path: Path) -> None:
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise UsageError(f"cannot look at {str(path)!r}: {reason}") from None
+
+
+def check_file(path: Path) -> None:
+    """Refuses a path where there is no file.
+
+    Raises:
+        UsageError: as `check_path`, or there is a folder.
+    """
+    check_path(path)
+    if path.is_dir():
+        raise UsageError(f"{str(path)!r} is a folder; name a file in it")

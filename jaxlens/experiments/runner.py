@@ -84,5 +84,5 @@ def run(
     for renderable in outcome.report:
         console.print(renderable)
     files = tuple(sorted(folder.iterdir()))
-    console.print(f"\n{len(files)} files in {folder}", highlight=False)
+    console.print(f"\n{len(files)} files in {folder}", markup=False, highlight=False)
     return Report(experiment.name, folder, files, manifest)

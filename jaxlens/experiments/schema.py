@@ -158,7 +158,6 @@ class SweepExperiment(_Experiment):
         lenses: The grid.
         warp: How it is sampled.
         memory_mb: What one step of the sweep may take, estimated, in megabytes. A step is never less than one lens.
-        chunk: Lenses between two steps of the progress bar; it changes neither results nor memory.
         compare: Report beside the paper's Table 1.
     """
 
@@ -167,7 +166,6 @@ class SweepExperiment(_Experiment):
     lenses: Lenses
     warp: Warp = Warp()
     memory_mb: float = Field(default=256.0, gt=0)
-    chunk: int | None = Field(default=None, ge=1)
     compare: Literal["table1"] | None = None
 
 

@@ -114,6 +114,9 @@ def test_broken_input(run, pair, tmp_path):
     result = run("compare", pair[0], tmp_path / "missing.png")
     assert result.code == 2
     assert "missing.png" in result.err
+    result = run("compare", tmp_path, pair[1])
+    assert result.code == 2
+    assert "is a folder" in result.err
     result = run("compare", pair[0], pair[1], "--max-pixels", "10")
     assert result.code == 1
     assert "--max-pixels 10" in result.err

@@ -154,9 +154,12 @@ def test_too_many_pixels(run, picture):
         (["--kappa", "1e30"], "'1e30' is beyond"),
         (["--kappa", "big"], "'big' is not a number"),
         (["--kappa"], "at least one"),
+        (["--kappa", "0.1", "--output", ""], "--output is empty"),
         (["--kappa", "0.1", "--method", "cubic"], "bicubic"),
         (["--kappa", "0.1", "--border", "black"], "constant"),
-        (["--kappa", "0.1", "--fill", "nan"], "'nan' is not finite"),
+        (["--kappa", "0.1", "--fill", "inf"], "'inf' is not finite"),
+        (["--kappa", "0.1", "--fill", "1e39"], "'1e39' is beyond"),
+        (["--kappa", "0.1", "--center", "0", "1e7"], "'1e7' is beyond"),
         (["--kappa", "0.1", "--fill", "1", "2", "3", "4", "5"], "got 5"),
         (["--kappa", "0.1", "--center", "1"], "--center"),
         (["--kappa", "0.1", "--quality", "0"], "--quality is from 1 to 100, got 0"),
@@ -171,6 +174,12 @@ def test_wrong_options(run, picture, options, message):
     assert message in " ".join(result.err.replace("│", " ").split())
     assert result.out == ""
     assert files_in(picture.parent) == ["picture.png"]
+
+
+def test_an_empty_path(run, tmp_path):
+    result = run("distort", "", "--kappa", "0.1", "--output", tmp_path / "out.png")
+    assert result.code == 2
+    assert "a path is empty" in result.err
 
 
 def test_an_existing_output(run, picture):
@@ -304,6 +313,19 @@ def test_quality(run, picture, tmp_path):
         assert run("distort", picture, "-k", "-0.2", "0.05", "-o", output, "--quality", quality).code == 0
         sizes.append(output.stat().st_size)
     assert sizes[0] < sizes[1]
+
+
+def test_fill_with_nan_is_for_floating_pictures(run, picture, tmp_path):
+    write_image(tmp_path / "float.tif", smooth(np.float32, 1))
+    options = ["-k", "0.3", "0", "--fill", "nan", "-o"]
+    assert run("undistort", tmp_path / "float.tif", *options, tmp_path / "out.tif").code == 0
+    missing = np.isnan(read_image(tmp_path / "out.tif").pixels)
+    assert 0.1 < missing.mean() < 0.7
+    assert missing[0, 0]
+    assert not missing[6:18, 8:24].any()
+    result = run("undistort", picture, *options, tmp_path / "out.png")
+    assert result.code == 1
+    assert "--fill nan" in result.err
 
 
 def test_a_name_with_control_characters_is_quoted(run, tmp_path):

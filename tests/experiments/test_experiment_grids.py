@@ -32,7 +32,7 @@ from jaxlens.experiments.linegrids import (
     ],
 )
 def test_curves_and_pictures_agree_on_barrel_and_pincushion(setting: Setting, k: float, name: str):
-    size = 121
+    size = 61
     curve, raster = bend_of_curve(setting, k, size), bend_of_picture(setting, k, size)
     assert curve.name == raster.name == name
     if name != "not shown":
@@ -40,7 +40,7 @@ def test_curves_and_pictures_agree_on_barrel_and_pincushion(setting: Setting, k:
 
 
 def test_lines_of_the_curves_are_dark_in_the_picture():
-    size, lines = 101, 5
+    size, lines = 61, 5
     shown = np.asarray(picture("lens", 0.3, straight_picture(lines, size)))
     middle = curves("lens", 0.3, lines)[lines // 2]
     columns, rows = (middle.T + HALF) * size / (2 * HALF)
@@ -51,7 +51,7 @@ def test_lines_of_the_curves_are_dark_in_the_picture():
 
 def test_the_grids_experiment_writes_its_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
-    Path("g.toml").write_text('kind = "grids"\nname = "g"\nlines = 3\nsize = 41\nk = [0.3]\n', encoding="utf-8")
+    Path("g.toml").write_text('kind = "grids"\nname = "g"\nlines = 3\nsize = 61\nk = [0.3]\n', encoding="utf-8")
     report = run("g.toml", quiet=True)
     names = [path.name for path in report.files]
     assert names == ["grids.png", "grids.svg", "manifest.json", "rasters.png", "table.csv"]

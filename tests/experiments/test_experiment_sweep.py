@@ -46,7 +46,9 @@ def test_the_table_and_the_manifest(folder: Path):
     lines = Path("out/table.csv").read_bytes().decode().split("\n")
     assert lines[0] == ",".join(["kappa1", "kappa2", *METRICS])
     assert lines[-1] == ""
-    assert [line.split(",")[:2] for line in lines[1:-1]] == [list(pair) for pair in ("01", "12", "13", "23", "32", "31")]
+    assert [line.split(",")[:2] for line in lines[1:-1]] == [
+        list(pair) for pair in ("01", "12", "13", "23", "32", "31")
+    ]
     for cell in lines[1].split(","):
         assert len(cell.replace(".", "").replace("-", "").lstrip("0")) <= 9
     manifest = json.loads(Path("out/manifest.json").read_text())
@@ -108,11 +110,11 @@ def test_the_report_shows_ours_the_papers_and_what_holds(folder: Path):
     assert "6/6" in progress.file.getvalue()  # pyright: ignore[reportAttributeAccessIssue]
 
 
-def test_orders_other_than_two_and_grids_have_their_columns_and_figures(folder: Path):
+def test_axes_make_grids_of_any_order(folder: Path):
     text = Path("tiny.toml").read_text(encoding="utf-8").replace('compare = "table1"', "")
     head = text[: text.index("kappa = ")]
     axis = "{ start = -0.2, stop = 0.4, count = %d }"
-    for name, axes in {"line": (13,), "plane": (1, 4, 4)}.items():
+    for name, axes in {"line": (13,), "plane": (4, 5)}.items():
         listed = ", ".join(axis % count for count in axes)
         Path("grid.toml").write_text(head.replace("tiny", name, 1) + f"axes = [{listed}]", encoding="utf-8")
         report = run("grid.toml", image="tiny.png", quiet=True)
@@ -124,12 +126,11 @@ def test_orders_other_than_two_and_grids_have_their_columns_and_figures(folder: 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 def test_results_do_not_depend_on_how_the_grid_is_cut(dtype: str):
-    pixels = np.random.default_rng(0).uniform(0, 193, (24, 20)).astype(dtype)
+    pixels = np.random.default_rng(0).uniform(0, 193, (20, 24)).astype(dtype)
     kappa = np.random.default_rng(1).uniform(-0.3, 3, (7, 2))
     with jax.enable_x64(dtype == "float64"):
         tables = [
-            csv_text(sweep(pixels, kappa, peak=193.0, warp=Warp(), chunk=chunk, memory_mb=0.1))
-            for chunk in (1, 3, None)
+            csv_text(sweep(pixels, kappa, peak=193.0, warp=Warp(), chunk=chunk, memory_mb=0.1)) for chunk in (1, 3, 7)
         ]
     assert tables[0] == tables[1] == tables[2]
 

@@ -6,11 +6,22 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
 from jaxlens.experiments import paper
 from jaxlens.experiments.figures.style import BLUE, VERMILLION, WIDTH, new_figure, pair_label
 
 UNITS = {"snr": "dB", "psnr": "dB", "rmse": "gray levels", "mae": "gray levels", "ssim": ""}
+# A lens of Table 1 on a heat map.
+_DOT = {
+    "marker": "o",
+    "linestyle": "none",
+    "color": "white",
+    "markeredgecolor": "black",
+    "markersize": 6,
+    "markeredgewidth": 0.9,
+}
 _HEAT = ("psnr", "rmse", "mae", "ssim")
 
 
@@ -103,19 +114,18 @@ def heat_maps(
 ) -> Figure:
     """Draws PSNR, RMSE, MAE and SSIM over two coefficients; on request with the places of Table 1's lenses."""
     first, second = values
-    figure = new_figure(WIDTH, 6.2)
+    figure = new_figure(WIDTH, 6.0)
     places = figure.subplots(2, 2, sharex=True, sharey=True)
     for axes, metric in zip(places.flat, _HEAT, strict=True):
         field = _finite(scores[metric]).reshape(len(first), len(second)).T
-        drawn = axes.pcolormesh(first, second, field, cmap="viridis", shading="nearest", rasterized=True)
-        bar = figure.colorbar(drawn, ax=axes, shrink=0.9, pad=0.03)
-        bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
         axes.set_title(heading(metric), loc="left")
-        if min(field.shape) > 2 and np.isfinite(field).all() and np.ptp(field) > 0:
-            lines = axes.contour(first, second, field, levels=6, colors="white", linewidths=0.7)
-            axes.clabel(lines, fontsize=7.5, fmt="%.4g")
+        if np.isfinite(field).any():
+            _draw_field(figure, axes, first, second, field)
         if compare:
             _mark_table_1(axes, first, second)
+    if compare:
+        dot = Line2D([], [], **_DOT, label="lenses of Table 1")
+        figure.legend(handles=[dot], loc="outside upper right", handletextpad=0.3)
     for axes in places[-1]:
         axes.set_xlabel(names[0])
     for axes in places[:, 0]:
@@ -123,21 +133,27 @@ def heat_maps(
     return figure
 
 
+def _draw_field(figure: Figure, axes: Axes, first: np.ndarray, second: np.ndarray, field: np.ndarray) -> None:
+    """Colours over all but the outermost hundredths of the values: an unchanged image would take all the contrast."""
+    low, high = np.nanpercentile(field, [1, 99])
+    beyond = (bool(np.nanmin(field) < low), bool(np.nanmax(field) > high))
+    drawn = axes.pcolormesh(
+        first, second, field, cmap="viridis", vmin=low, vmax=high, shading="nearest", rasterized=True
+    )
+    extend = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[beyond]
+    bar = figure.colorbar(drawn, ax=axes, shrink=0.95, pad=0.03, extend=extend)
+    bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
+    if min(field.shape) > 2 and high > low:
+        levels = [level for level in MaxNLocator(6).tick_values(low, high) if low < level < high]
+        lines = axes.contour(first, second, field, levels=levels, colors="white", linewidths=0.8)
+        axes.clabel(lines, fontsize=8, fmt="%.4g")
+
+
 def _mark_table_1(axes: Axes, first: np.ndarray, second: np.ndarray) -> None:
     for row in paper.TABLE_1:
         x, y = row.kappa
         if first.min() <= x <= first.max() and second.min() <= y <= second.max():
-            axes.plot(
-                x,
-                y,
-                "o",
-                color="white",
-                markeredgecolor="black",
-                markersize=5,
-                markeredgewidth=0.8,
-                clip_on=False,
-                zorder=5,
-            )
+            axes.plot(x, y, **_DOT, clip_on=False, zorder=5)
 
 
 def _finite(column: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from jaxlens.experiments.figures.pictures import place
+from jaxlens.experiments.figures.pictures import cell_aspect, place
 from jaxlens.experiments.figures.style import FAINT, MUTED, WIDTH, bare, kappa_label, new_figure, show_image
 
 _TITLE, _NOTE, _GAP, _MARGIN = 0.25, 0.44, 0.1, 0.05
@@ -30,7 +30,7 @@ def multiplicity_panel(
         peak: White.
     """
     columns = len(pictures) + 1
-    aspect = initial.shape[0] / initial.shape[1]
+    aspect = cell_aspect(initial)
     side = (WIDTH - 2 * _MARGIN - (columns - 1) * _GAP) / columns
     high = side * aspect
     below = 2 * _MARGIN + _TITLE + high + _GAP

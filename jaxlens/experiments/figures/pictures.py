@@ -23,9 +23,9 @@ def deformed_panel(
     rows: int = 2,
 ) -> Figure:
     """Draws the initial image, as high as all rows, and beside it what each lens makes of it."""
-    rows = min(rows, len(pictures))
+    rows = rows if len(pictures) > 3 else 1
     columns = -(-len(pictures) // rows)
-    aspect = initial.shape[0] / initial.shape[1]
+    aspect = cell_aspect(initial)
     # Between the rows; the large image is as high as both rows and this.
     between = _NOTE + _TITLE + _GAP
     room = WIDTH - 2 * _MARGIN - columns * _GAP
@@ -48,7 +48,7 @@ def deformed_panel(
 def error_panel(errors: Sequence[np.ndarray], titles: Sequence[str], notes: Sequence[str], peak: float) -> Figure:
     """Draws deformed minus initial, with a colour bar in gray levels: red is too bright, blue too dark."""
     planes = [error.mean(axis=-1) if error.ndim == 3 else error for error in errors]
-    aspect = planes[0].shape[0] / planes[0].shape[1]
+    aspect = cell_aspect(planes[0])
     columns = 2 if len(planes) in (2, 4) else min(len(planes), 3)
     rows = -(-len(planes) // columns)
     # A single image need not fill the page.
@@ -71,6 +71,11 @@ def error_panel(errors: Sequence[np.ndarray], titles: Sequence[str], notes: Sequ
         bar.set_label("deformed − initial  [gray levels]")
         bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
     return figure
+
+
+def cell_aspect(image: np.ndarray) -> float:
+    """Returns the height over the width of the place for an image: its own, unless it is a strip."""
+    return float(np.clip(image.shape[0] / image.shape[1], 0.4, 2.0))
 
 
 def place(figure: Figure, left: float, top: float, width: float, height: float) -> Axes:

@@ -17,6 +17,7 @@ from jaxlens.experiments.figures.style import (
     kappa_label,
     new_figure,
     pair_label,
+    plain,
 )
 from jaxlens.experiments.readings import READINGS, Reading
 
@@ -58,7 +59,7 @@ def distance_chart(labels: Sequence[str], distances: Mapping[Reading, Sequence[f
                 zorder=2,
             )
         axes.plot([], [], marker, color=color, markersize=7, label=_FORMULAS[reading])
-    axes.set_yticks(positions, labels, color=BLACK)
+    axes.set_yticks(positions, [plain(label) for label in labels], color=BLACK)
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_visible(False)
     axes.set_xlim(left=0)
@@ -82,7 +83,7 @@ def psnr_chart(psnr: Mapping[str, Mapping[Reading, np.ndarray]]) -> Figure:
             axes.set_visible(False)
             continue
         label = list(psnr)[index]
-        axes.set_title(label, loc="left", fontsize=9.5)
+        axes.set_title(plain(label), loc="left", fontsize=9.5)
         for reading in READINGS:
             color, marker = _MARKS[reading]
             axes.plot(

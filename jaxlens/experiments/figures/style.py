@@ -103,6 +103,11 @@ def _with_palette(pixels: np.ndarray) -> PIL.Image.Image:
     return picture
 
 
+def plain(text: str) -> str:
+    """Returns text of unknown origin so that matplotlib does not take it for a formula."""
+    return text.replace("$", r"\$")
+
+
 def kappa_label(kappa: Sequence[float] | np.ndarray) -> str:
     """Returns coefficients as people write them: `κ = (0, 1)`."""
     inner = ", ".join(f"{float(value):.3g}".replace("-", "−") for value in kappa)

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 from rich.console import Console, RenderableType
-from rich.table import Table
 from rich.text import Text
 
 from jaxlens.experiments import paper
@@ -13,6 +12,7 @@ from jaxlens.experiments.figures.readings import distance_chart, psnr_chart, rea
 from jaxlens.experiments.figures.style import save
 from jaxlens.experiments.kinds.outcome import Outcome, progress_bar
 from jaxlens.experiments.readings import READINGS, Reading
+from jaxlens.experiments.reports import new_table
 from jaxlens.experiments.schema import ReadingsExperiment
 from jaxlens.experiments.sources import Source, load_source
 from jaxlens.experiments.sweeping import deform_all, sweep
@@ -87,7 +87,7 @@ def _pictures(source: Source, experiment: ReadingsExperiment):
 
 
 def _report(title: str, labels: list[str], psnr: Psnr, table: dict[str, list[Value]]) -> list[RenderableType]:
-    shown = Table(title=title, title_justify="left", title_style="bold", header_style="", pad_edge=False)
+    shown = new_table(title)
     shown.add_column("distance to Table 1, dB\nPSNR (SNR)")
     for reading in READINGS:
         shown.add_column(reading, justify="right")
@@ -98,10 +98,8 @@ def _report(title: str, labels: list[str], psnr: Psnr, table: dict[str, list[Val
         best = int(np.argmin([pair[0] for pair in row]))
         nearest.append(READINGS[best])
         cells = [f"{a:.3f} ({b:.3f})" for a, b in row]
-        shown.add_row(label, *(Text(cell, "bold" if index == best else "") for index, cell in enumerate(cells)))
-    rows = Table(
-        title=f"PSNR in dB on {labels[0]}", title_justify="left", title_style="bold", header_style="", pad_edge=False
-    )
+        shown.add_row(Text(label), *(Text(cell, "bold" if index == best else "") for index, cell in enumerate(cells)))
+    rows = new_table(f"PSNR in dB on {labels[0]}")
     rows.add_column("reading of Φ⁻¹(r²)")
     for row in paper.TABLE_1:
         rows.add_column(", ".join(f"{value:g}" for value in row.kappa), justify="right")

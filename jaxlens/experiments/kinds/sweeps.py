@@ -22,7 +22,7 @@ from jaxlens.lenses import RadialPolynomial
 from jaxlens.warping import distortion_map
 
 # Lenses that are drawn, and dots that a chart bears.
-_MOST_PICTURES = 8
+_MOST_PICTURES = 6
 _MOST_DOTS = 12
 
 
@@ -39,7 +39,6 @@ def perform_sweep(
             peak=source.peak,
             warp=experiment.warp,
             memory_mb=experiment.memory_mb,
-            chunk=experiment.chunk,
             advance=advance,
         )
     write_csv(folder, kappa_columns(kappa) | scores)
