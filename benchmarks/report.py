@@ -10,7 +10,7 @@ _HEADER = f"""\
 Written by a command; do not edit. To take the figures again (some three minutes, on an otherwise idle machine), from
 the repository's root:
 
-    pip install '.[bench]'            # and torch and kornia for their rows
+    pip install '.[bench]'            # '.[bench-torch]' for the rows of PyTorch and kornia
     python -m benchmarks              # this file and results-<device>.json; --help says more
     pytest benchmarks                 # pytest-benchmark's own table; --benchmark-disable only checks
 

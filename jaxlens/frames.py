@@ -1,7 +1,11 @@
 """Frames: between pixels and the normalized coordinates in which a map is written (Eq. 10)."""
 
+from collections.abc import Sequence
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxlens.numerics import as_floating, as_points, join, split
@@ -20,9 +24,9 @@ class Frame(eqx.Module):
     center: Float[Array, "2"]
     scale: Float[Array, "2"]
 
-    def __init__(self, center: ArrayLike, scale: ArrayLike):
-        self.center = jnp.broadcast_to(as_floating(center), (2,))
-        self.scale = jnp.broadcast_to(as_floating(scale), (2,))
+    def __init__(self, center: ArrayLike | Sequence, scale: ArrayLike | Sequence):
+        self.center = _pair(center)
+        self.scale = _pair(scale)
 
     @classmethod
     def half_diagonal(cls, height: ArrayLike, width: ArrayLike) -> "Frame":
@@ -31,16 +35,15 @@ class Frame(eqx.Module):
         With pixel centres at integers the middle of the image is ((w − 1)/2, (h − 1)/2); Eq. 10's centre lies half
         a pixel to the right of it and below. See `docs/conventions.md`.
         """
-        center = jnp.stack([as_floating(width), as_floating(height)]) / 2
-        return cls(center, jnp.hypot(center[0], center[1]))
+        return cls([width / 2, height / 2], (width**2 + height**2) ** 0.5 / 2)
 
     @classmethod
     def from_camera_matrix(cls, camera_matrix: Float[ArrayLike, "3 3"]) -> "Frame":
         """Returns the frame of a camera matrix `[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]` without skew."""
-        matrix = as_floating(camera_matrix)
+        matrix = camera_matrix if isinstance(camera_matrix, jax.Array) else np.asarray(camera_matrix)
         if matrix.shape != (3, 3):
             raise ValueError(f"a camera matrix has shape (3, 3), got {matrix.shape}")
-        return cls(matrix[:2, 2], jnp.stack([matrix[0, 0], matrix[1, 1]]))
+        return cls([matrix[0, 2], matrix[1, 2]], [matrix[0, 0], matrix[1, 1]])
 
     def normalize(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2"]:
         """Maps pixels `(..., 2)`, (x, y) order, to normalized coordinates (Eq. 10)."""
@@ -62,3 +65,8 @@ class Frame(eqx.Module):
         zero, one = jnp.zeros_like(self.scale[0]), jnp.ones_like(self.scale[0])
         (fx, fy), (cx, cy) = self.scale, self.center
         return jnp.stack([jnp.stack([fx, zero, cx]), jnp.stack([zero, fy, cy]), jnp.stack([zero, zero, one])])
+
+
+def _pair(values: ArrayLike | Sequence) -> Float[Array, "2"]:
+    array = as_floating(values)
+    return array if array.shape == (2,) else jnp.broadcast_to(array, (2,))

@@ -137,10 +137,10 @@ def _safeguarded_step(
     low = jnp.where(residual <= 0, jnp.maximum(low, x), low)
     high = jnp.where(residual >= 0, jnp.minimum(high, x), high)
     # Halley's correction is held between half and twice Newton's step: at a fold it would bring every step to zero.
-    squared = slope * slope
-    correction = jnp.clip(0.5 * residual * curvature, -squared, 0.5 * squared)
-    proposal = x - residual * slope / (squared - correction)
-    inside = (proposal >= low) & (proposal <= high)  # false for NaN too
+    # Written in ratios, because products of large slopes overflow, and a step of x / ∞ would look like a standstill.
+    newton = residual / slope
+    proposal = x - newton / (1 - jnp.clip(0.5 * newton * (curvature / slope), -1, 0.5))
+    inside = (proposal >= low) & (proposal <= high) & jnp.isfinite(slope)  # false for NaN too
     halfway = jnp.where(jnp.isinf(high), 2 * x + 1, low + 0.5 * (high - low))
     return jnp.where(inside, proposal, halfway), low, high
 

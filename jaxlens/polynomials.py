@@ -13,8 +13,8 @@ def smallest_positive_root(coefficients: Float[Array, " terms"]) -> Float[Array,
 
     The roots of a polynomial are separated by those of its derivative, so they are found from the highest derivative
     down, each alone in its bracket: no root is missed, none is complex, and a double root (a touch without a change
-    of sign) is not reported. A bracket is halved in the order of the floating-point numbers, which lie as densely
-    at 1e-9 as at 1e9, down to two neighbours: coefficients of any scale, and vanishing leading ones, are nothing special.
+    of sign) is not reported. A bracket is halved in the order of the floating-point numbers, which lie as densely at
+    1e-9 as at 1e9, down to two neighbours: coefficients of any scale and vanishing leading ones are nothing special.
 
     Args:
         coefficients: Those of s, s², …; any number of them, zeros and leading zeros included.
@@ -30,15 +30,16 @@ def smallest_positive_root(coefficients: Float[Array, " terms"]) -> Float[Array,
 
 
 def _residual(s: Array, coefficients: Array) -> Array:
-    # Times s, so that its slope is of order one however large the root; one where there is none.
-    return jnp.where(s == 0, 1 + s, s) * (1 + s * polynomial(coefficients, s))
+    # Times s, so that its slope is of order one however large the root.
+    return s * (1 + s * polynomial(coefficients, s))
 
 
 def _find(coefficients: Array) -> Array:
-    if coefficients.shape[0] == 0:
+    degree = coefficients.shape[0]
+    if degree == 0:
         return jnp.asarray(jnp.inf, coefficients.dtype)
     derivatives = [jnp.concatenate([jnp.ones((1,), coefficients.dtype), coefficients])]
-    for _ in coefficients[1:]:
+    for _ in range(degree - 1):
         last = derivatives[-1]
         derivatives.append(last[1:] * jnp.arange(1, last.shape[0], dtype=last.dtype))
     ends = separators = jnp.asarray([0, jnp.finfo(coefficients.dtype).max], coefficients.dtype)

@@ -116,7 +116,7 @@ def _middle_less_end(y: np.ndarray, x: np.ndarray, at: Sequence[float] | np.ndar
 
 
 def _normalized(size: int) -> tuple[Float[Array, "size size"], Float[Array, "size size"]]:
-    x, y = jnp.meshgrid(jnp.arange(size), jnp.arange(size))
+    x, y = jnp.meshgrid(jnp.arange(float(size)), jnp.arange(float(size)))
     points = Frame.half_diagonal(size, size).normalize(jnp.stack([x, y], axis=-1))
     return points[..., 0], points[..., 1]
 

@@ -1,6 +1,7 @@
 """The division model of Eq. 5: one coefficient, both directions in closed form."""
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int8
 
 from jaxlens.lenses._lens import RadialLens
@@ -27,7 +28,7 @@ class Division(RadialLens):
             raise ValueError(
                 f"k must be a number, got shape {self.k.shape}; a batch of lenses is made by jax.vmap(Division)(k)"
             )
-        self.center = jnp.zeros(2, self.k.dtype) if center is None else as_floating(center)
+        self.center = jnp.asarray(np.zeros(2, self.k.dtype)) if center is None else as_floating(center)
 
     def factor(self, squared_radius: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
         """Returns Φ = 2 / (1 + √(1 + 4 k r²)): Eq. 5 solved for x_d without cancellation; NaN beyond the fold."""

@@ -122,7 +122,7 @@ class RadialLens(Lens):
         """The ratio of ideal to observed radius at squared observed radii, and the `InverseStatus`; ∞ is not finite."""
         finite = squared <= jnp.finfo(squared.dtype).max
         squared = jnp.where(finite, squared, 0)
-        fold, edge = self.fold_radius(), self.edge_radius()
+        fold, edge = (radius.astype(squared.dtype) for radius in (self.fold_radius(), self.edge_radius()))
         inside = squared <= lax.stop_gradient(edge) ** 2
         found = _solve(*lax.stop_gradient((self, squared, fold, edge)))
         # In squared radii, q Φ(q)² = s, nothing is singular at the centre.

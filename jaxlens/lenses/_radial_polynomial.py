@@ -2,6 +2,7 @@
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxlens.lenses._lens import RadialLens
@@ -34,7 +35,7 @@ class RadialPolynomial(RadialLens):
                 f"coefficients must be a vector κ1, κ2, …, got shape {self.coefficients.shape}; "
                 "a batch of lenses is made by jax.vmap(RadialPolynomial)(coefficients)"
             )
-        self.center = jnp.zeros(2, self.coefficients.dtype) if center is None else as_floating(center)
+        self.center = jnp.asarray(np.zeros(2, self.coefficients.dtype)) if center is None else as_floating(center)
 
     def factor(self, squared_radius: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
         """Returns Φ(r²) of Eq. 9."""

@@ -1,5 +1,5 @@
-import io
 import json
+import shutil
 from pathlib import Path
 
 import jax
@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 import jaxlens.experiments.kinds
-from jaxlens.experiments import ExperimentError, run
+from jaxlens.experiments import ExperimentError, config, run
 from jaxlens.experiments.schema import Warp
 from jaxlens.experiments.sweeping import estimated_bytes, lanes_within, sweep
 from jaxlens.experiments.tables import csv_text
@@ -30,20 +30,21 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def test_a_second_run_gives_the_same_bytes(folder: Path):
-    first = run("tiny.toml", quiet=True)
-    assert first.folder == Path("results/tiny")
-    assert [path.name for path in first.files] == FILES
-    before = contents(first.folder)
-    after = contents(run("tiny.toml", quiet=True).folder)
-    del before["manifest.json"], after["manifest.json"]
+def test_a_second_run_gives_the_same_bytes_and_replaces_the_first(first_run, folder: Path):
+    shutil.copytree(first_run.report.folder, "results/tiny")
+    before = contents(first_run.report.folder)
+    second = run("tiny.toml", quiet=True)
+    assert second.folder == Path("results/tiny")
+    assert [path.name for path in second.files] == FILES
+    after = contents(second.folder)
+    for found in (before, after):
+        del found["manifest.json"]
     assert after == before
     assert [path.name for path in Path("results").iterdir()] == ["tiny"]
 
 
-def test_the_table_and_the_manifest(folder: Path):
-    report = run("tiny.toml", quiet=True, output="out")
-    lines = Path("out/table.csv").read_bytes().decode().split("\n")
+def test_the_table(first_run):
+    lines = (first_run.report.folder / "table.csv").read_bytes().decode().split("\n")
     assert lines[0] == ",".join(["kappa1", "kappa2", *METRICS])
     assert lines[-1] == ""
     assert [line.split(",")[:2] for line in lines[1:-1]] == [
@@ -51,18 +52,29 @@ def test_the_table_and_the_manifest(folder: Path):
     ]
     for cell in lines[1].split(","):
         assert len(cell.replace(".", "").replace("-", "").lstrip("0")) <= 9
-    manifest = json.loads(Path("out/manifest.json").read_text())
-    assert manifest == report.manifest
+
+
+def test_the_manifest(first_run):
+    text = (first_run.report.folder / "manifest.json").read_text()
+    manifest = json.loads(text)
+    assert manifest == first_run.report.manifest
     assert manifest["experiment"] == "tiny"
     assert (manifest["dtype"], manifest["seed"]) == ("float64", 0)
+    assert manifest["configuration_sha256"] == config.load(first_run.config).digest()
     assert manifest["inputs"][0]["file"] == "tiny.png"
     assert {"python", "jax", "jaxlib", "numpy", "jaxlens"} <= set(manifest["versions"])
     assert sorted([*manifest["files"], "manifest.json"]) == FILES
-    assert str(folder) not in Path("out/manifest.json").read_text()
+    assert str(first_run.config.parent) not in text
 
 
-def test_an_interrupted_run_leaves_the_earlier_results(folder: Path, monkeypatch: pytest.MonkeyPatch):
-    run("tiny.toml", quiet=True)
+def test_the_report_shows_ours_the_papers_and_what_holds(first_run):
+    for part in ("9.338", "16.314", "54.572*", "32.127*", "61.742", "170.587", "193.000 in all 6 rows", "6.97548"):
+        assert part in first_run.stdout
+    assert "6/6" in first_run.stderr
+
+
+def test_an_interrupted_run_leaves_the_earlier_results(first_run, folder: Path, monkeypatch: pytest.MonkeyPatch):
+    shutil.copytree(first_run.report.folder, "results/tiny")
     before = contents(Path("results/tiny"))
 
     def interrupted(configuration, temporary: Path, progress: Console):
@@ -98,16 +110,6 @@ def test_pictures_that_cannot_serve_are_refused(folder: Path, value: tuple[int, 
     with pytest.raises(ExperimentError, match=said):
         run("tiny.toml", image="bad.png", quiet=True)
     assert not Path("results").exists()
-
-
-def test_the_report_shows_ours_the_papers_and_what_holds(folder: Path):
-    console = Console(file=io.StringIO(), width=100)
-    progress = Console(file=io.StringIO())
-    run("tiny.toml", console=console, progress=progress)
-    text = console.file.getvalue()  # pyright: ignore[reportAttributeAccessIssue]
-    for part in ("9.338", "16.314", "54.572*", "32.127*", "61.742", "170.587", "193.000 in all 6 rows", "6.97548"):
-        assert part in text
-    assert "6/6" in progress.file.getvalue()  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def test_axes_make_grids_of_any_order(folder: Path):
