@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, ArrayLike, Bool, Float, Real
+from jaxtyping import Array, ArrayLike, Bool, Float, Real, Shaped
 
 from jaxlens.numerics import as_points, epsilon, split
 from jaxlens.pyramid import build_pyramid, footprint
@@ -28,14 +28,14 @@ _PROBES = 5
 
 @partial(jax.jit, static_argnames=("method", "border", "antialias"))
 def remap(
-    image: Real[ArrayLike, "height width *channels"] | Bool[ArrayLike, "height width *channels"],
+    image: Shaped[ArrayLike, "height width *channels"] | Bool[ArrayLike, "height width *channels"],
     coordinates: Float[ArrayLike, "*points 2"],
     *,
     method: Method = "bilinear",
     border: Border = "constant",
     fill: Real[ArrayLike, "*fill"] = 0.0,
     antialias: bool = False,
-) -> Real[Array, "*points_and_channels"] | Bool[Array, "*points_and_channels"]:
+) -> Shaped[Array, "*points_and_channels"] | Bool[Array, "*points_and_channels"]:
     """Samples an image at pixel coordinates.
 
     Args:

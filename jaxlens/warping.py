@@ -4,7 +4,7 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float, Real
+from jaxtyping import Array, ArrayLike, Float, Real, Shaped
 
 from jaxlens.frames import Frame
 from jaxlens.lenses import Lens
@@ -17,7 +17,7 @@ _STATIC = ("shape", "method", "border", "antialias")
 
 @partial(jax.jit, static_argnames=_STATIC)
 def warp(
-    image: Real[ArrayLike, "height width *channels"],
+    image: Shaped[ArrayLike, "height width *channels"],
     mapping: CoordinateMap,
     *,
     frame: Frame | None = None,
@@ -27,7 +27,7 @@ def warp(
     border: Border = "constant",
     fill: Real[ArrayLike, "*fill"] = 0.0,
     antialias: bool = False,
-) -> Real[Array, "new_height new_width *channels"]:
+) -> Shaped[Array, "new_height new_width *channels"]:
     """Pulls an image back through a map: `output(p) = image(mapping(p))`.
 
     Args:
@@ -58,7 +58,7 @@ def warp(
 
 @partial(jax.jit, static_argnames=_STATIC)
 def distort_image(
-    image: Real[ArrayLike, "height width *channels"],
+    image: Shaped[ArrayLike, "height width *channels"],
     lens: Lens,
     *,
     frame: Frame | None = None,
@@ -68,7 +68,7 @@ def distort_image(
     border: Border = "constant",
     fill: Real[ArrayLike, "*fill"] = 0.0,
     antialias: bool = False,
-) -> Real[Array, "new_height new_width *channels"]:
+) -> Shaped[Array, "new_height new_width *channels"]:
     """Makes the picture that a lens would take of an undistorted one.
 
     Each output pixel is an observed point; its source is the exact preimage, `lens.undistort`. Pixels without a
@@ -96,7 +96,7 @@ def distort_image(
 
 @partial(jax.jit, static_argnames=_STATIC)
 def undistort_image(
-    image: Real[ArrayLike, "height width *channels"],
+    image: Shaped[ArrayLike, "height width *channels"],
     lens: Lens,
     *,
     frame: Frame | None = None,
@@ -106,7 +106,7 @@ def undistort_image(
     border: Border = "constant",
     fill: Real[ArrayLike, "*fill"] = 0.0,
     antialias: bool = False,
-) -> Real[Array, "new_height new_width *channels"]:
+) -> Shaped[Array, "new_height new_width *channels"]:
     """Removes a lens from a picture.
 
     Each output pixel is an ideal point; its source is `lens.distort`. Ideal points beyond the lens's fold radius

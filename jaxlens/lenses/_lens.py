@@ -1,7 +1,9 @@
 """What every lens can do, and what every radial lens can."""
 
 import abc
+from typing import Self
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
@@ -10,7 +12,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int8
 
 from jaxlens.maps import CoordinateMap, Inverse, InverseStatus, inverse_status
 from jaxlens.newton import derivatives, implicit_root, is_root, solve_increasing
-from jaxlens.numerics import as_points, join, split
+from jaxlens.numerics import as_floating, as_points, join, split
 
 # Points from which a batch of inverses is solved one after another.
 _LARGE = 1 << 15
@@ -133,6 +135,27 @@ class RadialLens(Lens):
             inside, self.factor(jnp.where(inside, solution, 0)), jnp.sqrt(jnp.where(inside, 1, squared))
         )
         return scale, inverse_status(finite, inside, converged)
+
+    def _promoted(self, squared: Float[Array, "*batch"]) -> tuple[Self, Float[Array, "*batch"]]:
+        """The lens and the squared radii in their common dtype: a fold in a coarser one would not fit the points."""
+        parameters, rest = eqx.partition(self, eqx.is_inexact_array)
+        dtype = jnp.result_type(squared, *jax.tree.leaves(parameters))
+        parameters = jax.tree.map(lambda leaf: leaf.astype(dtype), parameters)
+        return eqx.combine(parameters, rest), squared.astype(dtype)
+
+
+def as_center(center: ArrayLike | list | tuple | None, dtype: jnp.dtype) -> Float[Array, "2"]:
+    """Returns a centre of distortion: the origin for None; plain numbers take `dtype`, arrays keep their own.
+
+    Raises:
+        ValueError: the centre is not one point.
+    """
+    if center is None:
+        return jnp.zeros(2, dtype)
+    array = as_floating(center)
+    if array.shape != (2,):
+        raise ValueError(f"a centre of distortion has shape (2,), (x, y), got {array.shape}")
+    return array if hasattr(center, "dtype") else array.astype(dtype)
 
 
 @custom_vmap
