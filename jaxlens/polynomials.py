@@ -51,7 +51,7 @@ def _find(coefficients: Array) -> Array:
 
 
 def _bracketed_roots(coefficients: Array, separators: Array) -> tuple[Array, Array]:
-    """The last number before each change of sign, between neighbouring separators, and whether there is one.
+    """The place of each change of sign, between neighbouring separators, and whether there is one.
 
     Where there is none, the upper separator is returned. Horner's rule may overflow, but not to NaN: its sign stays.
     """
@@ -60,11 +60,17 @@ def _bracketed_roots(coefficients: Array, separators: Array) -> tuple[Array, Arr
     bits = jnp.finfo(separators.dtype).bits
     ordered = lax.bitcast_convert_type(separators, f"int{bits}")  # keeps the order of positive numbers
 
+    def evaluate(number):
+        place = lax.bitcast_convert_type(number, separators.dtype)
+        return place, polynomial(coefficients, place)
+
     def halve(_, bracket):
         low, high = bracket
         middle = low + (high - low) // 2
-        same = (polynomial(coefficients, lax.bitcast_convert_type(middle, separators.dtype)) < 0) == before
+        same = (evaluate(middle)[1] < 0) == before
         return jnp.where(same, middle, low), jnp.where(same, high, middle)
 
-    low, _ = lax.fori_loop(0, bits - 1, halve, (ordered[:-1], ordered[1:]))
-    return jnp.where(changes, lax.bitcast_convert_type(low, separators.dtype), separators[1:]), changes
+    low, high = map(evaluate, lax.fori_loop(0, bits - 1, halve, (ordered[:-1], ordered[1:])))
+    # The better of the two neighbours: where a root is a number, a polynomial that has it twice then vanishes there.
+    roots = jnp.where(jnp.abs(low[1]) < jnp.abs(high[1]), low[0], high[0])
+    return jnp.where(changes, roots, separators[1:]), changes

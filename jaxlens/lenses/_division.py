@@ -1,10 +1,9 @@
 """The division model of Eq. 5: one coefficient, both directions in closed form."""
 
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int8
 
-from jaxlens.lenses._lens import RadialLens
+from jaxlens.lenses._lens import RadialLens, as_center
 from jaxlens.maps import inverse_status
 from jaxlens.numerics import as_floating, epsilon
 
@@ -28,7 +27,7 @@ class Division(RadialLens):
             raise ValueError(
                 f"k must be a number, got shape {self.k.shape}; a batch of lenses is made by jax.vmap(Division)(k)"
             )
-        self.center = jnp.asarray(np.zeros(2, self.k.dtype)) if center is None else as_floating(center)
+        self.center = as_center(center, self.k.dtype)
 
     def factor(self, squared_radius: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
         """Returns Φ = 2 / (1 + √(1 + 4 k r²)): Eq. 5 solved for x_d without cancellation; NaN beyond the fold."""

@@ -1,11 +1,11 @@
 """What every lens can do, and what every radial lens can."""
 
 import abc
-from typing import Self
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array, ArrayLike, Bool, Float, Int8
@@ -123,20 +123,20 @@ class RadialLens(Lens):
     def _ideal_scale(self, squared: Float[Array, "*batch"]) -> tuple[Float[Array, "*batch"], Int8[Array, "*batch"]]:
         """The ratio of ideal to observed radius at squared observed radii, and the `InverseStatus`; ∞ is not finite."""
         finite = squared <= jnp.finfo(squared.dtype).max
-        squared = jnp.where(finite, squared, 0)
-        fold, edge = (radius.astype(squared.dtype) for radius in (self.fold_radius(), self.edge_radius()))
+        lens, squared = self._promoted(jnp.where(finite, squared, 0))
+        fold, edge = lens.fold_radius(), lens.edge_radius()
         inside = squared <= lax.stop_gradient(edge) ** 2
-        found = _solve(*lax.stop_gradient((self, squared, fold, edge)))
+        found = _solve(*lax.stop_gradient((lens, squared, fold, edge)))
         # In squared radii, q Φ(q)² = s, nothing is singular at the centre.
-        solution = implicit_root(_squared_residual, found * found, (self, squared))
-        converged = is_root(_squared_residual(solution, (self, squared)) + squared, squared, solution)
+        solution = implicit_root(_squared_residual, found * found, (lens, squared))
+        converged = is_root(_squared_residual(solution, (lens, squared)) + squared, squared, solution)
         # A point beyond the edge goes to the fold on its own ray.
         scale = jnp.where(inside, 1, fold) / jnp.where(
-            inside, self.factor(jnp.where(inside, solution, 0)), jnp.sqrt(jnp.where(inside, 1, squared))
+            inside, lens.factor(jnp.where(inside, solution, 0)), jnp.sqrt(jnp.where(inside, 1, squared))
         )
         return scale, inverse_status(finite, inside, converged)
 
-    def _promoted(self, squared: Float[Array, "*batch"]) -> tuple[Self, Float[Array, "*batch"]]:
+    def _promoted(self, squared: Float[Array, "*batch"]) -> tuple["RadialLens", Float[Array, "*batch"]]:
         """The lens and the squared radii in their common dtype: a fold in a coarser one would not fit the points."""
         parameters, rest = eqx.partition(self, eqx.is_inexact_array)
         dtype = jnp.result_type(squared, *jax.tree.leaves(parameters))
@@ -151,7 +151,7 @@ def as_center(center: ArrayLike | list | tuple | None, dtype: jnp.dtype) -> Floa
         ValueError: the centre is not one point.
     """
     if center is None:
-        return jnp.zeros(2, dtype)
+        return jnp.asarray(np.zeros(2, dtype))
     array = as_floating(center)
     if array.shape != (2,):
         raise ValueError(f"a centre of distortion has shape (2,), (x, y), got {array.shape}")

@@ -2,10 +2,9 @@
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from jaxlens.lenses._lens import RadialLens
+from jaxlens.lenses._lens import RadialLens, as_center
 from jaxlens.numerics import as_floating, polynomial
 from jaxlens.polynomials import smallest_positive_root
 
@@ -35,7 +34,7 @@ class RadialPolynomial(RadialLens):
                 f"coefficients must be a vector κ1, κ2, …, got shape {self.coefficients.shape}; "
                 "a batch of lenses is made by jax.vmap(RadialPolynomial)(coefficients)"
             )
-        self.center = jnp.asarray(np.zeros(2, self.coefficients.dtype)) if center is None else as_floating(center)
+        self.center = as_center(center, self.coefficients.dtype)
 
     def factor(self, squared_radius: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
         """Returns Φ(r²) of Eq. 9."""
