@@ -4,13 +4,12 @@ import abc
 import enum
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, ArrayLike, Bool, Float, Int8
 
 from jaxlens.newton import determinant, implicit_plane_root, plane_jacobian, solve_plane
-from jaxlens.numerics import as_points, join, split
+from jaxlens.numerics import as_points, jitted, join, split
 
 
 class InverseStatus(enum.IntEnum):
@@ -71,17 +70,17 @@ class CoordinateMap(eqx.Module):
         """Whether points lie where the map is one-to-one; here: where it keeps orientation."""
         return self.jacobian_determinant(points) > 0
 
-    @jax.jit
+    @jitted
     def jacobian(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2 2"]:
         """Returns the matrices of derivatives: row = output coordinate, column = input coordinate."""
         return plane_jacobian(self.__call__, as_points(points))[1]
 
-    @jax.jit
+    @jitted
     def jacobian_determinant(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch"]:
         """Returns the local change of area, negative where the map has folded over."""
         return determinant(self.jacobian(points))
 
-    @jax.jit
+    @jitted
     def invert(self, points: Float[ArrayLike, "*batch 2"]) -> Inverse:
         """Finds the preimages of points by a two-dimensional Newton iteration that never crosses a fold.
 
@@ -107,7 +106,7 @@ class CoordinateMap(eqx.Module):
         """Returns the points of `invert`, NaN where they are not valid."""
         return self.invert(points).masked()
 
-    def inverse(self) -> "Inverted":
+    def inverse(self) -> "CoordinateMap":
         """Returns the inverse as a map of its own; it sends points without preimage to NaN."""
         return Inverted(self)
 
@@ -134,7 +133,7 @@ class Inverted(CoordinateMap):
         """Whether points have a preimage."""
         return self.mapping.invert(points).valid
 
-    @jax.jit
+    @jitted
     def invert(self, points: Float[ArrayLike, "*batch 2"]) -> Inverse:
         """Applies the map itself; valid where it is one-to-one."""
         points = as_points(points)
@@ -165,7 +164,7 @@ class OneToOne(CoordinateMap):
         """Whether points lie where the map is one-to-one."""
         return self.mapping.one_to_one(points)
 
-    @jax.jit
+    @jitted
     def invert(self, points: Float[ArrayLike, "*batch 2"]) -> Inverse:
         """Is the inverse of the map itself."""
         return self.mapping.invert(points)
@@ -196,18 +195,18 @@ class Chain(CoordinateMap):
             points = mapping(points)
         return inside
 
-    @jax.jit
+    @jitted
     def invert(self, points: Float[ArrayLike, "*batch 2"]) -> Inverse:
         """Inverts each map, the last one first; a point is valid where every step is."""
         points = as_points(points)
         finite = jnp.all(jnp.isfinite(points), axis=-1)
         status = inverse_status(finite, finite, finite)
-        points = jnp.where(finite[..., None], points, 0)
+        current = jnp.where(finite[..., None], points, 0)
         for mapping in reversed(self.maps):
-            step = mapping.invert(points)
-            points = step.points
+            step = mapping.invert(current)
+            current = step.points
             status = jnp.where(status == InverseStatus.CONVERGED, step.status, status)
-        return Inverse(points, status == InverseStatus.CONVERGED, status)
+        return Inverse(current, status == InverseStatus.CONVERGED, status)
 
     def then(self, *others: CoordinateMap) -> "Chain":
         """Returns the longer chain."""

@@ -1,11 +1,19 @@
 """Small numerical helpers that every layer of the core shares."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import TypeVar, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
+
+Method = TypeVar("Method", bound=Callable)
+
+
+def jitted(method: Method) -> Method:
+    """Is `jax.jit`, for methods: type checkers still see the method, which a subclass may override."""
+    return cast(Method, jax.jit(method))
 
 
 def as_floating(values: ArrayLike | Sequence) -> Array:

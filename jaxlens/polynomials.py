@@ -43,6 +43,7 @@ def _find(coefficients: Array) -> Array:
         last = derivatives[-1]
         derivatives.append(last[1:] * jnp.arange(1, last.shape[0], dtype=last.dtype))
     ends = separators = jnp.asarray([0, jnp.finfo(coefficients.dtype).max], coefficients.dtype)
+    roots, exist = ends[:1], jnp.zeros(1, bool)
     for derivative in reversed(derivatives):
         roots, exist = _bracketed_roots(derivative, separators)
         # A bracket without a root lends its upper end: one separator too many does no harm.

@@ -143,7 +143,7 @@ def _interpolate(pixels, offset, height, width, x, y, *, method, border, fill, d
             value = pixels.at[offset + row * width + column].get(mode="promise_in_bounds")
             total = total + (row_weight * column_weight).astype(dtype)[..., None] * value.astype(dtype)
     if border == "constant":
-        covered = sum(weight for _, weight in columns) * sum(weight for _, weight in rows)
+        covered = jnp.asarray(sum(weight for _, weight in columns) * sum(weight for _, weight in rows))
     else:
         covered = finite
     share = (1 - covered.astype(dtype))[..., None]

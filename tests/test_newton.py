@@ -51,7 +51,8 @@ def test_roots_up_to_where_the_slope_vanishes(dtype):
     targets = np.append(np.sin(expected), np.sin(float(end))).astype(dtype)
     found = solve_wave(targets)
     assert np.all((np.asarray(found) >= 0) & (np.asarray(found) <= end))
-    assert np.max(np.abs(np.sin(np.asarray(found, float)) - targets)) <= 10 * EPSILON[dtype]
+    # Eight units in the last place of x, which is the larger of the two here, and what the sine itself is off by.
+    assert np.max(np.abs(np.sin(np.asarray(found, float)) - targets)) <= (8 * np.pi / 2 + 2) * EPSILON[dtype]
 
 
 def test_every_chunk_gets_its_second_chance(x64):

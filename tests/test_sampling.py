@@ -331,8 +331,7 @@ def test_odd_pixels_beyond_the_precision_of_halves(border):
 
 @pytest.mark.parametrize(
     ("channels", "shape"),
-    [((), (2,)), ((), (3, 4, 2)), ((1,), (7, 2)), ((3,), (2,)), ((3,), (2, 1, 3, 2)), ((5,), (7, 2)), ((), (0, 2))]
-    + [((3,), (0, 5, 2))],
+    [((), (2,)), ((), (3, 4, 2)), ((1,), (7, 2)), ((3,), (2,)), ((3,), (2, 1, 3, 2)), ((5,), (7, 2)), ((), (0, 5, 2))],
 )
 def test_shapes(channels, shape):
     image = noise((6, 8, *channels))
@@ -695,7 +694,7 @@ def test_antialiasing_can_be_transformed():
 
 @pytest.mark.usefixtures("x64")
 def test_derivatives_of_antialiasing():
-    image, grid = noise((8, 9), "float64"), affine_grid((3, 4), [[2.3, 0.2], [0.1, 1.7]], [0.7, 1.3], "float64")
+    image, grid = noise((8, 9), "float64"), affine_grid((3, 4), [[2.3, 0.2], [0.1, 1.7]], [0.713, 1.337], "float64")
     direction = np.random.default_rng(8).normal(size=(3, 4))
 
     @partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})

@@ -21,7 +21,7 @@ class Division(RadialLens):
 
     k: Float[Array, ""]
 
-    def __init__(self, k: ArrayLike, center: ArrayLike | list | tuple | None = None):
+    def __init__(self, k: ArrayLike, *, center: ArrayLike | list | tuple | None = None):
         self.k = as_floating(k)
         if self.k.ndim != 0:
             raise ValueError(

@@ -12,7 +12,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int8
 
 from jaxlens.maps import CoordinateMap, Inverse, InverseStatus, inverse_status
 from jaxlens.newton import derivatives, implicit_root, is_root, solve_increasing
-from jaxlens.numerics import as_floating, as_points, join, split
+from jaxlens.numerics import as_floating, as_points, jitted, join, split
 
 # Points from which a batch of inverses is solved one after another.
 _LARGE = 1 << 15
@@ -29,7 +29,7 @@ class Lens(CoordinateMap):
         """Is `distort`."""
         return self.distort(points)
 
-    @jax.jit
+    @jitted
     def undistort(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2"]:
         """Maps observed points `(..., 2)` to ideal ones, exactly; NaN where there is none (see `invert`)."""
         return self.preimages(points)
@@ -52,13 +52,13 @@ class RadialLens(Lens):
     def fold_radius(self) -> Float[Array, ""]:
         """Returns the ideal radius about the centre of distortion where the lens stops being one-to-one; ∞ if never."""
 
-    @jax.jit
+    @jitted
     def distort(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2"]:
         """Maps ideal points `(..., 2)` to observed ones, beyond the fold radius too."""
         x, y = self.offset(points)
         return self.scaled(x, y, self.factor(x * x + y * y))
 
-    @jax.jit
+    @jitted
     def one_to_one(self, points: Float[ArrayLike, "*batch 2"]) -> Bool[Array, "*batch"]:
         """Whether ideal points lie within the fold radius."""
         x, y = self.offset(points)
@@ -81,7 +81,7 @@ class RadialLens(Lens):
         folds = jnp.isfinite(fold)
         return jnp.where(folds, self.radius(jnp.where(folds, fold, 0)), jnp.inf)
 
-    @jax.jit
+    @jitted
     def invert(self, points: Float[ArrayLike, "*batch 2"]) -> Inverse:
         """Finds the ideal points of observed ones: solves ρ Φ(ρ²) = r for each, within the fold radius.
 
@@ -100,7 +100,7 @@ class RadialLens(Lens):
         points = self.scaled(jnp.where(finite, x, 0), jnp.where(finite, y, 0), scale)
         return Inverse(points, status == InverseStatus.CONVERGED, status)
 
-    @jax.jit
+    @jitted
     def preimages(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2"]:
         """Returns the points of `invert`, NaN where they are not valid."""
         x, y = self.offset(points)

@@ -1,11 +1,10 @@
 """The polynomial lens of Eq. 9, of any order."""
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxlens.lenses._lens import RadialLens, as_center
-from jaxlens.numerics import as_floating, polynomial
+from jaxlens.numerics import as_floating, jitted, polynomial
 from jaxlens.polynomials import smallest_positive_root
 
 
@@ -27,7 +26,7 @@ class RadialPolynomial(RadialLens):
 
     coefficients: Float[Array, " order"]
 
-    def __init__(self, coefficients: ArrayLike | list | tuple, center: ArrayLike | list | tuple | None = None):
+    def __init__(self, coefficients: ArrayLike | list | tuple, *, center: ArrayLike | list | tuple | None = None):
         self.coefficients = as_floating(coefficients)
         if self.coefficients.ndim != 1:
             raise ValueError(
@@ -46,7 +45,7 @@ class RadialPolynomial(RadialLens):
         slope = 1 + squared * polynomial(self._slope_coefficients(), squared)
         return radius * self.factor(squared), slope
 
-    @jax.jit
+    @jitted
     def fold_radius(self) -> Float[Array, ""]:
         """Returns the first ρ at which d(ρ Φ(ρ²))/dρ = 1 + 3 κ1 ρ² + 5 κ2 ρ⁴ + … turns negative; ∞ if it never does."""
         return jnp.sqrt(smallest_positive_root(self._slope_coefficients()))
