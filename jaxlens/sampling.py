@@ -22,6 +22,8 @@ _TAPS = {"nearest": 1, "bilinear": 2, "bicubic": 4, "bicubic_opencv": 4}
 _CUBIC = {"bicubic": -0.5, "bicubic_opencv": -0.75}
 # Pixels beyond an image that no kernel reaches from.
 _FAR = 8.0
+# Pixels at an image's edge that points without a place in it may read, with weight zero.
+_REACH = 3
 # Probes along the longer axis of an antialiasing footprint.
 _PROBES = 5
 
@@ -62,6 +64,14 @@ def remap(
     Raises:
         ValueError: a shape, method, border or fill value that does not fit.
     """
+    return resample(image, coordinates, method=method, border=border, fill=fill, antialias=antialias, computed=False)
+
+
+def resample(image, coordinates, *, method: str, border: str, fill, antialias: bool, computed: bool) -> Array:
+    """Does what `remap` does, where the coordinates may be `computed` by the same compiled function.
+
+    If they are, then splitting them at once undoes their interleaving. If not, that is done as they are read.
+    """
     image, coordinates = jnp.asarray(image), as_points(coordinates)
     _check(image, coordinates, method, border, antialias)
     coordinates = coordinates.astype(jnp.promote_types(coordinates.dtype, jnp.float32))  # half cannot count pixels
@@ -75,9 +85,13 @@ def remap(
     if antialias:
         samples = _sample_footprint(pixels, coordinates, method, border, fill)
     else:
-        # The barrier keeps XLA from computing the coordinates again for every tap and channel.
-        x, y = lax.optimization_barrier(split(coordinates))
-        samples = _sample(pixels, x, y, method, border, fill)
+        # Points outside the image read its edge, with weight zero. Where nothing there can spoil them there is no need
+        # for the care that keeps XLA from vectorizing the loop.
+        edges = pixels[:_REACH], pixels[-_REACH:], pixels[:, :_REACH], pixels[:, -_REACH:]
+        plain, careful = (partial(_sample, method=method, border=border, careful=flag) for flag in (False, True))
+        safe = _all_finite(*lax.stop_gradient((fill, *edges)))
+        points = lax.optimization_barrier(split(coordinates)) if computed else coordinates
+        samples = lax.cond(safe, plain, careful, pixels, points, fill)
     samples = _cast(samples, image.dtype)
     return samples if image.ndim == 3 else samples[..., 0]
 
@@ -107,9 +121,17 @@ def _working_dtype(image_dtype, coordinate_dtype):
 
 
 def _sample(
-    pixels: Array, x: Array, y: Array, method: str, border: str, fill: Array
+    pixels: Array,
+    points: Array | tuple[Array, Array],
+    fill: Array,
+    *,
+    method: str,
+    border: str,
+    careful: bool,
 ) -> Float[Array, "*points channels"]:
-    """Interpolates `(H, W, C)` pixels at planes of coordinates."""
+    """Interpolates `(H, W, C)` pixels at coordinates, or at planes of x and y."""
+    # The barrier keeps XLA from computing the coordinates again for every tap and channel.
+    x, y = points if isinstance(points, tuple) else lax.optimization_barrier(split(points))
     height, width, channels = pixels.shape
     dtype = _working_dtype(pixels.dtype, x.dtype)
     return _interpolate(
@@ -123,17 +145,20 @@ def _sample(
         border=border,
         fill=fill,
         dtype=dtype,
+        careful=careful,
     )
 
 
-def _interpolate(pixels, offset, height, width, x, y, *, method, border, fill, dtype):
+def _interpolate(pixels, offset, height, width, x, y, *, method, border, fill, dtype, careful):
     """Interpolates flattened pixels `(N, C)`, of which an image of this height and width begins at `offset`.
 
-    The three may be numbers, or planes that differ from point to point.
+    The three may be numbers, or planes that differ from point to point. Unless `careful`, the fill value must be
+    finite, and so must be the pixels that points without a place in the image read, with weight zero.
     """
     finite = jnp.isfinite(x) & jnp.isfinite(y)
-    columns = _taps(jnp.where(finite, x, -_FAR), width, method, border)
-    rows = _taps(jnp.where(finite, y, -_FAR), height, method, border)
+    nowhere = -_FAR if border == "constant" else 0
+    columns = _taps(jnp.where(finite, x, nowhere), width, method, border)
+    rows = _taps(jnp.where(finite, y, nowhere), height, method, border)
     if border != "constant":
         # In the weights: a select on the total would keep XLA from vectorizing the loop.
         rows = [(row, jnp.where(finite, weight, 0)) for row, weight in rows]
@@ -148,6 +173,8 @@ def _interpolate(pixels, offset, height, width, x, y, *, method, border, fill, d
         covered = finite
     share = (1 - covered.astype(dtype))[..., None]
     fill = jnp.expand_dims(fill.astype(dtype), range(x.ndim))
+    if not careful:
+        return total + share * fill
     # A fill that is not finite (NaN, to mark what is missing) counts where it has a share beyond rounding, and has
     # no derivative.
     regular = jnp.where(jnp.isfinite(fill), fill, 0)
@@ -158,6 +185,17 @@ def _interpolate(pixels, offset, height, width, x, y, *, method, border, fill, d
     # A NaN among the pixels spoils, by 0 · NaN, what does not depend on them: there it is the fill value.
     spoiled = jnp.where(share == 1, 0, jnp.nan).astype(dtype)
     return jnp.where(total == total, total, spoiled + fill)
+
+
+@jax.custom_batching.custom_vmap
+def _all_finite(*arrays):
+    return jnp.stack([jnp.isfinite(array).all() for array in arrays]).all()
+
+
+@_all_finite.def_vmap
+def _all_finite_in_batch(axis_size, in_batched, *arrays):
+    # One answer for the whole batch: a `cond` on a batched one would compute both of its branches.
+    return _all_finite(*arrays), False
 
 
 def _sample_footprint(
@@ -188,6 +226,7 @@ def _sample_footprint(
             border=border,
             fill=fill,
             dtype=dtype,
+            careful=True,
         )
 
     def add_probe(total, position):
@@ -199,7 +238,7 @@ def _sample_footprint(
 
     positions = (jnp.arange(_PROBES, dtype=coordinates.dtype) + 0.5) / _PROBES - 0.5
     averaged = lax.scan(add_probe, jnp.zeros((*longer.shape, pixels.shape[-1]), dtype), positions)[0]
-    plain = _sample(pixels, *split(coordinates), method, border, fill)
+    plain = _sample(pixels, coordinates, fill, method=method, border=border, careful=True)
     return jnp.where((longer > 1)[..., None], averaged, plain)
 
 
@@ -221,20 +260,15 @@ def _taps(position: Array, size: int | Array, method: str, border: str) -> list[
     count = _TAPS[method]
     # floor(x) − 1 is the first of four, floor(x) of two; the nearest is floor(x + 1/2), without its rounding error.
     first = jnp.floor(position)
+    weights = _weights(position - first, method)
     first = first + (position - first >= 0.5) if count == 1 else first - (count // 2 - 1)
     if border != "constant":
-        # By the offset, not by the distance to `first + k`: far outside that rounds, and weights must add up to one.
-        offset = position - first
-        return [(_border_index(first + k, size, border), _kernel(offset - k, method)) for k in range(count)]
-    position = jnp.clip(position, -_FAR, size + _FAR)
-    # The `count` neighbouring pixels of the image nearest to the position: the kernel vanishes at those that
-    # it does not reach, so outside the image the weights fade to nothing by themselves.
-    first = jnp.clip(first, 0, jnp.maximum(size - count, 0))
+        return [(_border_index(first + k, size, border), weight) for k, weight in enumerate(weights)]
+    first = jnp.clip(first, -_FAR, size + _FAR).astype(jnp.int32)
     taps = []
-    for k in range(count):
-        index = first + k
-        weight = jnp.where(index < size, _kernel(position - index, method), 0)
-        taps.append((jnp.minimum(index, size - 1).astype(jnp.int32), weight))
+    for k, weight in enumerate(weights):
+        inside = jnp.clip(first + k, 0, size - 1)
+        taps.append((inside, jnp.where(first + k == inside, weight, 0)))
     return taps
 
 
@@ -256,16 +290,18 @@ def _border_index(index: Array, size: int | Array, border: str) -> Array:
     return jnp.clip(index, 0, size - 1).astype(jnp.int32)
 
 
-def _kernel(distance: Array, method: str) -> Array:
-    """The weight of a pixel at a signed distance."""
+def _weights(offset: Array, method: str) -> list[Array]:
+    """The weights of the pixels that are read, for a position at this offset, in [0, 1], from the pixel before it."""
     if method == "nearest":
-        return ((distance >= -0.5) & (distance < 0.5)).astype(distance.dtype)
+        return [jnp.ones_like(offset)]
     if method == "bilinear":
-        # At its corners it takes the slope to their right, so that the derivatives of the weights cancel there too.
-        weight = jnp.where(distance < 0, 1 + distance, 1 - distance)
-        return jnp.where((distance >= -1) & (distance < 1), weight, 0)
-    t = jnp.abs(distance)
+        return [1 - offset, offset]
     a = _CUBIC[method]  # Keys (1981), Eq. 4
-    near = ((a + 2) * t - (a + 3)) * t * t + 1
-    far = a * (((t - 5) * t + 8) * t - 4)
-    return jnp.where(t <= 1, near, jnp.where(t < 2, far, 0))
+
+    def near(t):
+        return ((a + 2) * t - (a + 3)) * t * t + 1
+
+    def far(t):
+        return a * (((t - 5) * t + 8) * t - 4)
+
+    return [far(1 + offset), near(offset), near(1 - offset), far(2 - offset)]

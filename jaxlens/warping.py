@@ -10,7 +10,7 @@ from jaxlens.frames import Frame
 from jaxlens.lenses import Lens
 from jaxlens.maps import CoordinateMap, Inverted, OneToOne
 from jaxlens.numerics import join
-from jaxlens.sampling import Border, Method, remap
+from jaxlens.sampling import Border, Method, resample
 
 _STATIC = ("shape", "method", "border", "antialias")
 
@@ -53,7 +53,7 @@ def warp(
     if image.ndim not in (2, 3) or 0 in image.shape:
         raise ValueError(f"an image has shape (H, W) or (H, W, C) and at least one pixel, got {image.shape}")
     coordinates = source_coordinates(mapping, *image.shape[:2], frame=frame, output_frame=output_frame, shape=shape)
-    return remap(image, coordinates, method=method, border=border, fill=fill, antialias=antialias)
+    return resample(image, coordinates, method=method, border=border, fill=fill, antialias=antialias, computed=True)
 
 
 @partial(jax.jit, static_argnames=_STATIC)
