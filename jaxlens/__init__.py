@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from jaxlens import diagnostics as diagnostics
+    from jaxlens import fitting as fitting
     from jaxlens import images as images
     from jaxlens import metrics as metrics
     from jaxlens.frames import Frame as Frame
+    from jaxlens.lenses import BrownConrady as BrownConrady
     from jaxlens.lenses import Division as Division
     from jaxlens.lenses import Lens as Lens
     from jaxlens.lenses import RadialLens as RadialLens
@@ -29,10 +31,10 @@ if TYPE_CHECKING:
     from jaxlens.warping import warp as warp
 
 # The same names for the interpreter, module by module; a test holds the two lists together.
-_MODULES = ("diagnostics", "images", "metrics")
+_MODULES = ("diagnostics", "fitting", "images", "metrics")
 _NAMES = {
     "frames": ("Frame",),
-    "lenses": ("Division", "Lens", "RadialLens", "RadialPolynomial"),
+    "lenses": ("BrownConrady", "Division", "Lens", "RadialLens", "RadialPolynomial"),
     "maps": ("Chain", "CoordinateMap", "Inverse", "InverseStatus", "Inverted", "OneToOne"),
     "sampling": ("remap",),
     "warping": (

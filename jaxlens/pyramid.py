@@ -30,13 +30,17 @@ def build_pyramid(image: Float[Array, "height width channels"]) -> Pyramid:
     """Halves an image by 2×2 means until one of its sides is a pixel long; odd sides repeat their last line."""
     levels = [image]
     while min(levels[-1].shape[:2]) > 1:
-        last = levels[-1]
-        padded = jnp.pad(last, ((0, last.shape[0] % 2), (0, last.shape[1] % 2), (0, 0)), mode="edge")
-        levels.append(0.25 * (padded[::2, ::2] + padded[1::2, ::2] + padded[::2, 1::2] + padded[1::2, 1::2]))
+        levels.append(halved(levels[-1]))
     heights = np.array([level.shape[0] for level in levels], np.int32)
     widths = np.array([level.shape[1] for level in levels], np.int32)
     offsets = np.concatenate([[0], np.cumsum(heights * widths)[:-1]]).astype(np.int32)
     return Pyramid(jnp.concatenate([level.reshape(-1, image.shape[-1]) for level in levels]), offsets, heights, widths)
+
+
+def halved(image: Float[Array, "height width channels"]) -> Float[Array, "half_height half_width channels"]:
+    """Returns the image of 2×2 means; an odd side repeats its last line."""
+    padded = jnp.pad(image, ((0, image.shape[0] % 2), (0, image.shape[1] % 2), (0, 0)), mode="edge")
+    return 0.25 * (padded[::2, ::2] + padded[1::2, ::2] + padded[::2, 1::2] + padded[1::2, 1::2])
 
 
 def footprint(

@@ -67,6 +67,14 @@ def remap(
     return resample(image, coordinates, method=method, border=border, fill=fill, antialias=antialias, computed=False)
 
 
+def interpolate(
+    image: Float[Array, "height width"], points: Float[Array, "*points 2"], *, method: Method = "bilinear"
+) -> Float[Array, "*points"]:
+    """Samples a finite image, its edge repeated, without the checks and casts of `remap`: the core of a residual."""
+    fill = jnp.zeros((1,), image.dtype)
+    return _sample(image[..., None], split(points), fill, method=method, border="edge", careful=False)[..., 0]
+
+
 def resample(image, coordinates, *, method: str, border: str, fill, antialias: bool, computed: bool) -> Array:
     """Does what `remap` does, where the coordinates may be `computed` by the same compiled function.
 

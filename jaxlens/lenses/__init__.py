@@ -1,5 +1,6 @@
 """Lens models, one file a family."""
 
+from jaxlens.lenses._brown_conrady import BrownConrady as BrownConrady
 from jaxlens.lenses._division import Division as Division
 from jaxlens.lenses._lens import Lens as Lens
 from jaxlens.lenses._lens import RadialLens as RadialLens

@@ -1,0 +1,354 @@
+"""Calibration from views of a planar board: camera matrix, lens and poses, by bundle adjustment."""
+
+from collections.abc import Sequence
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float, Int, PyTree
+
+from jaxlens.fitting._arguments import (
+    Bounds,
+    as_weights,
+    bound_vectors,
+    check_count,
+    check_loss,
+    common_dtype,
+    is_concrete,
+)
+from jaxlens.fitting._homographies import focal_lengths, plane_homographies, poses_from_homographies
+from jaxlens.fitting._parameters import Choice, Selection, choose, everything_but_the_center, in_dtype, without
+from jaxlens.fitting._poses import Poses
+from jaxlens.fitting._problem import Problem, assess, minimize
+from jaxlens.fitting._result import IDENTIFIED, Fit, FitStatus, checked
+from jaxlens.fitting._robust import Loss
+from jaxlens.fitting._solver import Unknowns
+from jaxlens.frames import Frame
+from jaxlens.lenses import Lens
+from jaxlens.numerics import as_floating, as_points
+
+# Corners without which a view has no homography, and the numbers of a pose.
+_CORNERS, _POSE = 4, 6
+_CAMERA = ("fx", "fy", "cx", "cy")
+# Sine of the angle that two boards must make to be called not parallel.
+_PARALLEL = 0.035
+
+
+class Boards(eqx.Module):
+    """Views of planar boards: where corners lie on the board, and where they are seen.
+
+    Attributes:
+        points: `(V, N, 2)` corners in the board's plane, in the units that its poses will have.
+        observed: `(V, N, 2)` the same corners in pixels, (x, y) order; zero where missing.
+        weights: `(V, N)` inverse variances up to a common factor; zero where a corner is missing.
+    """
+
+    points: Float[Array, "views corners 2"]
+    observed: Float[Array, "views corners 2"]
+    weights: Float[Array, "views corners"]
+
+    def __init__(
+        self,
+        points: Float[ArrayLike, "*views corners 2"],
+        observed: Float[ArrayLike, "views corners 2"],
+        *,
+        weights: Float[ArrayLike, "views corners"] | None = None,
+    ):
+        """Makes views of one board `(N, 2)`, or of one board a view; NaN in `observed` marks a missing corner.
+
+        Raises:
+            ValueError: shapes that do not fit.
+        """
+        observed, points = as_points(observed), as_points(points)
+        if observed.ndim != 3 or points.ndim not in (2, 3) or points.shape[-2] != observed.shape[1]:
+            raise ValueError(
+                "boards need points of shape (N, 2) or (V, N, 2), and observed of shape (V, N, 2), with as many "
+                "corners; "
+                f"got {points.shape} and {observed.shape} (views of boards of different size: Boards.from_views)"
+            )
+        if points.ndim == 3 and points.shape[0] != observed.shape[0]:
+            raise ValueError(
+                f"boards need as many views in points as in observed, got {points.shape} and {observed.shape}"
+            )
+        seen = jnp.all(jnp.isfinite(observed), axis=-1)
+        given = jnp.asarray(as_weights(weights, observed.shape[:2]), observed.dtype)
+        self.points = jnp.broadcast_to(points, observed.shape)
+        self.observed = jnp.where(seen[..., None], observed, 0)
+        self.weights = jnp.where(seen, given, 0)
+
+    @classmethod
+    def from_views(cls, views: Sequence[tuple[ArrayLike, ArrayLike]]) -> "Boards":
+        """Makes boards of a list of views with corners of their own: pairs of `(n, 2)` board and image points.
+
+        Raises:
+            ValueError: a view with unequally many points on the board and in the image.
+        """
+        pairs = [(as_floating(board), as_floating(seen)) for board, seen in views]
+        if not pairs:
+            raise ValueError("no views")
+        for index, (board, seen) in enumerate(pairs):
+            if board.shape != seen.shape or board.ndim != 2 or board.shape[1] != 2:
+                raise ValueError(
+                    f"view {index} needs as many board points as image points, each (n, 2); "
+                    f"got {board.shape} and {seen.shape}"
+                )
+        most = max(board.shape[0] for board, _ in pairs)
+
+        def padded(array, filling):
+            missing = jnp.full((most - array.shape[0], 2), filling, array.dtype)
+            return jnp.concatenate([array, missing])
+
+        return cls(
+            jnp.stack([padded(board, 0.0) for board, _ in pairs]),
+            jnp.stack([padded(seen, jnp.nan) for _, seen in pairs]),
+        )
+
+    def view(self, chosen: ArrayLike) -> "Boards":
+        """Returns some of the views: an index array, a slice or a boolean mask."""
+        return jax.tree.map(lambda leaf: leaf[chosen], self)
+
+
+class _Boards(Problem):
+    selection: Selection
+    boards: Boards
+    weights: Float[Array, "views corners"]
+
+    def residuals(self, unknowns: Unknowns) -> Float[Array, "views corners 2"]:
+        model = self.selection.insert(unknowns.shared)
+        ideal = _poses(unknowns.blocks).project(self.boards.points)
+        predicted = _frame(model).denormalize(model["lens"].distort(ideal))
+        return jnp.where((self.weights > 0)[..., None], self.boards.observed - predicted, 0)
+
+
+def calibrate(
+    lens: Lens,
+    boards: Boards | Sequence[tuple[ArrayLike, ArrayLike]],
+    image_size: tuple[int, int],
+    *,
+    camera_matrix: Float[ArrayLike, "3 3"] | None = None,
+    free: PyTree | None = None,
+    fixed: Sequence[str] = (),
+    bounds: Bounds | None = None,
+    loss: Loss = "linear",
+    loss_scale: Float[ArrayLike, ""] | None = None,
+    max_steps: int = 200,
+    throw: bool = True,
+) -> Fit:
+    """Calibrates a camera by Zhang's method: camera matrix, lens and board poses from views of a planar board.
+
+    Each view's homography gives the start in closed form; bundle adjustment then minimizes the distances between
+    observed corners and `frame.denormalize(lens.distort(pose.project(corner)))`.
+
+    Args:
+        lens: The model, and where its coefficients start: `BrownConrady([0.0] * 5)` is OpenCV's default.
+        boards: The views, as `Boards` or as a list for `Boards.from_views`: pairs of `(n, 2)` points on the board and
+            in the image. At least two, with boards that are not parallel to each other.
+        image_size: (width, height) in pixels.
+        camera_matrix: A start for the camera, instead of the closed form with the principal point in the middle; with
+            it, `lens` is believed, too.
+        free: Which numbers of the lens are fitted, as in `fit_points`.
+        fixed: Names of parameters that keep their start: `("cx", "cy")`.
+        bounds: By parameter, as in `fit_points`; the camera's are fx, fy, cx and cy, in pixels.
+        loss: As in `fit_points`.
+        loss_scale: As in `fit_points`, in pixels.
+        max_steps: As in `fit_points`.
+        throw: As in `fit_points`.
+
+    Returns:
+        A `Fit`: its `frame` is the camera, `poses` the boards' (one for each view), `residuals` `(V, N, 2)` in pixels,
+        `rms` and `per_view_rms` root mean square distances in pixels, as OpenCV defines them. Its degrees of freedom
+        count the poses. Differentiable in the boards by the implicit function theorem.
+
+    Raises:
+        ValueError: too few views or corners, or what does not fit.
+        FitError: `throw`, and no result worth having; parallel boards are `RANK_DEFICIENT`.
+    """
+    check_loss(loss)
+    boards = boards if isinstance(boards, Boards) else Boards.from_views(boards)
+    width, height = image_size
+    views = boards.observed.shape[0]
+    model = {"camera": {"focal_length": np.zeros(2), "principal_point": np.zeros(2)}, "lens": lens}
+    mask = {"camera": {"focal_length": True, "principal_point": True}, "lens": everything_but_the_center(lens)}
+    choice = without(choose(model, mask if free is None else {**mask, "lens": free}), fixed)
+    _check_views(boards, choice, views)
+    check_count(2, boards.weights, choice.names, "corners", _POSE * views)
+    dtype = common_dtype(lens, boards)
+    fit = _fit(
+        choice,
+        lens,
+        boards,
+        jnp.asarray([width, height], dtype),
+        camera_matrix,
+        bound_vectors(bounds, choice.names, dtype),
+        loss_scale,
+        loss=loss,
+        max_steps=max_steps,
+    )
+    return checked(fit, throw)
+
+
+@partial(jax.jit, static_argnames=("choice", "loss", "max_steps"))
+def _fit(choice: Choice, lens, boards, size, camera_matrix, bounds, loss_scale, *, loss, max_steps) -> Fit:
+    dtype = size.dtype
+    lens, boards, camera_matrix, loss_scale = in_dtype((lens, boards, camera_matrix, loss_scale), dtype)
+    frame, poses = _start(lens, boards, size, camera_matrix)
+    model = {"camera": {"focal_length": frame.scale, "principal_point": frame.center}, "lens": lens}
+    problem = _Boards(selection=Selection(model, choice), boards=boards, weights=boards.weights)
+    start = Unknowns(problem.selection.values(), _blocks(poses))
+    minimum = minimize(problem, start, loss=loss, loss_scale=loss_scale, bounds=bounds, max_steps=max_steps)
+    known = assess(problem, minimum, loss)
+    model = problem.selection.insert(minimum.unknowns.shared)
+    poses, frame = _poses(minimum.unknowns.blocks), _frame(model)
+    camera = np.array([name in _CAMERA for name in choice.names])
+    lost = jnp.any(camera & ~(known.inflation < IDENTIFIED)) | (_parallel(poses) & bool(camera.any()))
+    status = jnp.where(lost & (known.status <= FitStatus.DIVERGED), FitStatus.RANK_DEFICIENT, known.status)
+    return Fit(
+        lens=model["lens"],
+        frame=frame,
+        poses=poses,
+        names=choice.names,
+        values=minimum.unknowns.shared,
+        covariance=known.covariance,
+        condition_number=known.condition_number,
+        inflation=known.inflation,
+        weakest_direction=known.weakest_direction,
+        residuals=known.residuals,
+        rms=known.rms,
+        per_view_rms=known.per_block_rms,
+        degrees_of_freedom=known.degrees_of_freedom,
+        loss_scale=minimum.loss_scale,
+        status=status,
+        steps=minimum.steps,
+        folds=_folds(model["lens"], frame, size),
+    )
+
+
+class HeldOut(eqx.Module):
+    """How well a calibration explains views it has not seen, once their poses are found.
+
+    Attributes:
+        poses: The poses of the boards.
+        residuals: `(V, N, 2)` in pixels, zero where a corner is missing.
+        rms: Root mean square distance over all corners, in pixels.
+        per_view_rms: The same for each view.
+        status: A `FitStatus` for each view.
+    """
+
+    poses: Poses
+    residuals: Float[Array, "views corners 2"]
+    rms: Float[Array, ""]
+    per_view_rms: Float[Array, " views"]
+    status: Int[Array, " views"]
+
+
+@partial(jax.jit, static_argnames="max_steps")
+def evaluate(lens: Lens, frame: Frame, boards: Boards, *, max_steps: int = 200) -> HeldOut:
+    """Evaluates a calibration on other views: fits only the boards' poses, and reports what is left.
+
+    Args:
+        lens: The lens, of a fit on other views.
+        frame: The camera, likewise.
+        boards: The views to try it on.
+        max_steps: Steps of the solver, for each view.
+
+    Returns:
+        A `HeldOut`. Views with fewer than four corners cannot be judged: their status is `TOO_FEW`.
+    """
+    dtype = common_dtype(lens, frame, boards)
+    lens, frame, boards = in_dtype((lens, frame, boards), dtype)
+
+    def one_view(boards: Boards) -> tuple[Array, Array, Array]:
+        problem = _Pose(lens=lens, frame=frame, boards=boards, weights=boards.weights)
+        start = Unknowns.dense(_blocks(_start_poses(lens, frame, boards))[0])
+        minimum = minimize(problem, start, loss="linear", loss_scale=None, bounds=None, max_steps=max_steps)
+        known = assess(problem, minimum, "linear")
+        return minimum.unknowns.shared, known.residuals[0], known.status
+
+    alone = jax.tree.map(lambda leaf: leaf[:, None], boards)
+    vectors, residuals, status = jax.vmap(one_view)(alone)
+    enough = jnp.sum(boards.weights > 0, axis=1) >= _CORNERS
+    squares = jnp.sum(boards.weights[..., None] * residuals**2, axis=(1, 2))
+    weights = jnp.sum(boards.weights, axis=1)
+    return HeldOut(
+        _poses(vectors),
+        residuals,
+        jnp.sqrt(jnp.sum(squares) / jnp.sum(weights)),
+        jnp.sqrt(squares / weights),
+        jnp.where(enough, status, FitStatus.TOO_FEW),
+    )
+
+
+class _Pose(Problem):
+    lens: Lens
+    frame: Frame
+    boards: Boards
+    weights: Float[Array, "1 corners"]
+
+    def residuals(self, unknowns: Unknowns) -> Float[Array, "1 corners 2"]:
+        ideal = _poses(unknowns.shared[None]).project(self.boards.points)
+        predicted = self.frame.denormalize(self.lens.distort(ideal))
+        return jnp.where((self.weights > 0)[..., None], self.boards.observed - predicted, 0)
+
+
+def _start(lens: Lens, boards: Boards, size: Array, camera_matrix: Array | None) -> tuple[Frame, Poses]:
+    if camera_matrix is None:
+        center = 0.5 * (size - 1)
+        matrices = plane_homographies(boards.points, boards.observed, boards.weights)
+        frame = Frame(center, focal_lengths(matrices, center, jnp.max(size)))
+        return frame, poses_from_homographies(matrices, frame)
+    frame = Frame.from_camera_matrix(camera_matrix)
+    return frame, _start_poses(lens, frame, boards)
+
+
+def _start_poses(lens: Lens, frame: Frame, boards: Boards) -> Poses:
+    ideal = frame.denormalize(lens.invert(frame.normalize(boards.observed)).points)
+    return poses_from_homographies(plane_homographies(boards.points, ideal, boards.weights), frame)
+
+
+def _frame(model: PyTree) -> Frame:
+    return Frame(model["camera"]["principal_point"], model["camera"]["focal_length"])
+
+
+def _poses(blocks: Float[Array, "views 6"]) -> Poses:
+    return Poses(blocks[:, :3], blocks[:, 3:])
+
+
+def _blocks(poses: Poses) -> Float[Array, "views 6"]:
+    return jnp.concatenate([poses.rotation_vectors, poses.translations], axis=-1)
+
+
+def _parallel(poses: Poses) -> Array:
+    """Whether all boards are parallel to each other: together they then say no more about the camera than one."""
+    normals = poses.rotations()[:, :, 2]
+    sines = jnp.linalg.norm(jnp.cross(normals[:, None], normals[None]), axis=-1)
+    return jnp.max(sines) < _PARALLEL
+
+
+def _folds(lens: Lens, frame: Frame, size: Array) -> Array:
+    """Whether some point of the picture's border has no preimage, or one beyond a fold."""
+    steps = jnp.linspace(0, 1, 33, dtype=size.dtype)
+    zero, one = jnp.zeros_like(steps), jnp.ones_like(steps)
+    border = jnp.concatenate(
+        [jnp.stack(side, -1) for side in ((steps, zero), (steps, one), (zero, steps), (one, steps))]
+    )
+    return jnp.any(~lens.invert(frame.normalize(border * (size - 1)[None])).valid)
+
+
+def _check_views(boards: Boards, choice: Choice, views: int) -> None:
+    if not is_concrete(boards):
+        return
+    corners = (np.asarray(boards.weights) > 0).sum(axis=1)
+    for view, count in enumerate(corners):
+        if count < _CORNERS:
+            raise ValueError(
+                f"view {view} has {count} corners; at least {_CORNERS} are needed to find its pose: leave the view out"
+            )
+    camera = [name for name in choice.names if name in _CAMERA]
+    if 2 * views < len(camera):
+        raise ValueError(
+            f"{views} view of a plane cannot determine {', '.join(camera)}: each view adds two constraints; "
+            "give at least "
+            f"{-(-len(camera) // 2)} views at different angles (ten are better), or fix some of them by `fixed`"
+        )

@@ -1,0 +1,229 @@
+"""Plumb lines: a lens from points that lie on straight lines in the world (Brown 1971)."""
+
+from collections.abc import Sequence
+from functools import partial
+from typing import cast
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Float, PyTree
+
+from jaxlens.fitting._arguments import (
+    Bounds,
+    as_weights,
+    bound_vectors,
+    check_count,
+    check_loss,
+    common_dtype,
+    is_concrete,
+)
+from jaxlens.fitting._parameters import Choice, Selection, choose, everything_but_the_center, in_dtype, with_center
+from jaxlens.fitting._problem import Problem, assess, minimize
+from jaxlens.fitting._result import Fit, FitStatus, checked
+from jaxlens.fitting._robust import Loss
+from jaxlens.fitting._solver import Unknowns, jacobian_rows
+from jaxlens.frames import Frame
+from jaxlens.lenses import Lens
+from jaxlens.newton import plane_jacobian, solve_2x2
+from jaxlens.numerics import as_floating, join, split
+
+# A line's own parameters, its angle and offset; with as many points it is straight whatever the lens.
+_LINE = 2
+# Straightness that changes by less than this share of how far the points move says nothing about the lens.
+_BLIND = 1e-7
+
+
+class _Lines(Problem):
+    selection: Selection
+    frame: Frame
+    points: Float[Array, "lines points 2"]
+    line_weights: Float[Array, "lines points"]
+    weights: Float[Array, "1 all_points"]
+
+    def residuals(self, unknowns: Unknowns) -> Float[Array, "1 all_points 1"]:
+        lens = self.selection.insert(unknowns.shared)
+        ideal = self.ideal(unknowns)
+        # How far a point of the picture must move for its ideal point to move by one: the straight line's curve in
+        # the picture is as far from the point as the line from the ideal point, over the length of this gradient.
+        # Distances there cannot shrink to zero with the ideal points.
+        jacobian = jnp.swapaxes(plane_jacobian(lens.distort, ideal)[1], -1, -2)
+
+        def per_pixel(normal):
+            x, y = split(solve_2x2(jacobian, jnp.broadcast_to(normal[:, None], ideal.shape)))
+            return jnp.hypot(x / self.frame.scale[0], y / self.frame.scale[1])
+
+        normal, middle = _line(ideal, self.line_weights)
+        normal, middle = _line(ideal, self.line_weights / per_pixel(normal) ** 2)
+        distance = jnp.sum((ideal - middle[:, None]) * normal[:, None], axis=-1) / per_pixel(normal)
+        return jnp.where(self.line_weights > 0, distance, 0).reshape(1, -1, 1)
+
+    def ideal(self, unknowns: Unknowns) -> Float[Array, "lines points 2"]:
+        """Returns the undistorted points, normalized; the edge of what the lens sees for points beyond it."""
+        return self.selection.insert(unknowns.shared).invert(self.frame.normalize(self.points)).points
+
+
+def _line(points: Float[Array, "lines points 2"], weights: Float[Array, "lines points"]) -> tuple[Array, Array]:
+    """The unit normal of each line of least squared distances, and the middle of its points."""
+    total = jnp.sum(weights, axis=1)
+    middle = jnp.sum(weights[..., None] * points, axis=1) / total[:, None]
+    x, y = split(points - middle[:, None])
+    along, across = jnp.sum(weights * (x * x - y * y), axis=1), 2 * jnp.sum(weights * x * y, axis=1)
+    angle = 0.5 * jnp.arctan2(across, along)
+    return join(-jnp.sin(angle), jnp.cos(angle)), middle
+
+
+def fit_lines(
+    lens: Lens,
+    lines: Sequence[ArrayLike] | Float[ArrayLike, "lines points 2"],
+    *,
+    frame: Frame | None = None,
+    weights: Float[ArrayLike, "lines points"] | None = None,
+    free: PyTree | None = None,
+    center: bool = False,
+    bounds: Bounds | None = None,
+    loss: Loss = "linear",
+    loss_scale: Float[ArrayLike, ""] | None = None,
+    max_steps: int = 200,
+    throw: bool = True,
+) -> Fit:
+    """Finds the lens that makes lines straight again: plumb-line calibration, without a known target.
+
+    The residual of a point is its distance, in the picture, from the curve that the lens makes of its straight line
+    (to first order). Each line's angle and offset are eliminated in closed form.
+
+    Args:
+        lens: Where to start; its class and number of coefficients are the model.
+        lines: Observed points, a list of `(n, 2)` arrays, one a line; or an array `(L, N, 2)` in which NaN
+            marks missing points (the form for `jax.vmap`, with `weights` to mark them under `jax.jit`). At least three
+            a line.
+        frame: Between normalized coordinates and the points' pixels; none if they are normalized.
+        weights: `(L, N)` inverse variances up to a common factor, for the array form.
+        free: As in `fit_points`.
+        center: Fit the lens's centre of distortion, too.
+        bounds: As in `fit_points`.
+        loss: As in `fit_points`.
+        loss_scale: As in `fit_points`.
+        max_steps: As in `fit_points`.
+        throw: As in `fit_points`.
+
+    Returns:
+        A `Fit`. Its `residuals` `(L, N, 1)` are distances in the units of the points (pixels, with a frame), its
+        degrees of freedom count two parameters a line. Lines that pass through the centre of distortion stay straight
+        under every radial lens: if all do, the status is `RANK_DEFICIENT`.
+
+    Raises:
+        ValueError: lines of fewer than three points, points that are not finite, fewer points than parameters.
+        FitError: `throw`, and no result worth having.
+    """
+    check_loss(loss)
+    points, weights = _padded(lines, weights)
+    mask = everything_but_the_center(lens) if free is None else free
+    choice = choose(lens, with_center(mask, lens) if center else mask)
+    check_count(1, weights, choice.names, "points on lines", _LINE * points.shape[0])
+    dtype = common_dtype(lens, points)
+    fit = _fit(
+        choice,
+        lens,
+        Frame(np.zeros(2, dtype), np.ones(2, dtype)) if frame is None else frame,
+        points,
+        weights,
+        bound_vectors(bounds, choice.names, dtype),
+        loss_scale,
+        loss=loss,
+        max_steps=max_steps,
+    )
+    return checked(fit, throw)
+
+
+@partial(jax.jit, static_argnames=("choice", "loss", "max_steps"))
+def _fit(choice: Choice, lens, frame, points, weights, bounds, loss_scale, *, loss, max_steps) -> Fit:
+    dtype = common_dtype(lens, points)
+    lens, frame, points, weights, loss_scale = in_dtype((lens, frame, points, weights, loss_scale), dtype)
+    # A point that does not count stands at its line's first: nothing there is singular.
+    used = weights > 0
+    filler = jnp.take_along_axis(points, jnp.argmax(used, axis=1)[:, None, None], axis=1)
+    points = jnp.where(used[..., None], points, filler)
+    problem = _Lines(
+        selection=Selection(lens, choice),
+        frame=frame,
+        points=points,
+        line_weights=weights,
+        weights=weights.reshape(1, -1),
+    )
+    start = Unknowns.dense(problem.selection.values())
+    minimum = minimize(problem, start, loss=loss, loss_scale=loss_scale, bounds=bounds, max_steps=max_steps)
+    known = assess(problem, minimum, loss, _LINE * points.shape[0])
+    lens = problem.selection.insert(minimum.unknowns.shared)
+    blind = _blind(problem, minimum.unknowns)
+    return Fit(
+        lens=lens,
+        frame=frame,
+        poses=None,
+        names=choice.names,
+        values=minimum.unknowns.shared,
+        covariance=jnp.where(blind, jnp.nan, known.covariance),
+        condition_number=known.condition_number,
+        inflation=known.inflation,
+        weakest_direction=known.weakest_direction,
+        residuals=known.residuals.reshape(*weights.shape, 1),
+        rms=known.rms,
+        per_view_rms=None,
+        degrees_of_freedom=known.degrees_of_freedom,
+        loss_scale=minimum.loss_scale,
+        status=jnp.where(blind & (known.status <= FitStatus.DIVERGED), FitStatus.RANK_DEFICIENT, known.status),
+        steps=minimum.steps,
+        folds=jnp.any(~lens.invert(frame.normalize(points)).valid & used),
+    )
+
+
+def _blind(problem: _Lines, unknowns: Unknowns) -> Bool[Array, ""]:
+    """Whether some parameter moves points along their lines only."""
+
+    def moved(unknowns):
+        ideal = problem.frame.denormalize(problem.ideal(unknowns))
+        return (jnp.sqrt(problem.line_weights)[..., None] * ideal).reshape(1, -1)
+
+    bends = jacobian_rows(lambda u: problem.weighted(u)[..., 0], unknowns)[1]
+    moves = jacobian_rows(moved, unknowns)[1]
+    return jnp.any(jnp.sum(bends**2, axis=(0, 1)) <= _BLIND**2 * jnp.sum(moves**2, axis=(0, 1)))
+
+
+def _padded(
+    lines: Sequence[ArrayLike] | ArrayLike, weights: ArrayLike | None
+) -> tuple[Array | np.ndarray, Array | np.ndarray]:
+    """Lines as one array, with weights that are zero where a line has no point."""
+    if hasattr(lines, "ndim"):
+        points = as_floating(lines)
+        if points.ndim != 3 or points.shape[-1] != 2:
+            raise ValueError(f"lines must be a list of (n, 2) arrays, or an array (L, N, 2), got shape {points.shape}")
+        given = as_weights(weights, points.shape[:2])
+        if not is_concrete(points, given):
+            return points, given
+        points = np.asarray(points)
+        given = np.where(np.isfinite(points).all(axis=-1), given, 0)
+    else:
+        if weights is not None:
+            raise ValueError("weights belong to lines as an array (L, N, 2); leave points out of a list instead")
+        arrays = [np.asarray(as_floating(line)) for line in cast(Sequence, lines)]
+        for index, line in enumerate(arrays):
+            if line.ndim != 2 or line.shape[1] != 2:
+                raise ValueError(f"line {index} must have shape (n, 2), got {line.shape}")
+            bad = ~np.isfinite(line).all(axis=1)
+            if bad.any():
+                where = int(np.argmax(bad))
+                raise ValueError(f"line {index} is not finite at point {where}: {line[where].tolist()}; leave it out")
+        if not arrays:
+            raise ValueError("no lines")
+        longest = max(line.shape[0] for line in arrays)
+        points = np.zeros((len(arrays), longest, 2), np.result_type(*arrays))
+        given = np.zeros((len(arrays), longest), points.dtype)
+        for index, line in enumerate(arrays):
+            points[index, : len(line)], given[index, : len(line)] = line, 1
+    counts = (np.asarray(given) > 0).sum(axis=1)
+    if (counts <= _LINE).any():
+        index = int(np.argmax(counts <= _LINE))
+        raise ValueError(
+            f"line {index} has {counts[index]} points; at least 3 are needed to tell whether it is straight"
+        )
+    return points, given

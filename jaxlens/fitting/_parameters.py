@@ -1,0 +1,149 @@
+"""Which numbers of a pytree are fitted: from a pytree and a mask to a vector, and back."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.tree_util import DictKey, GetAttrKey, SequenceKey, keystr
+from jaxtyping import Array, Float, PyTree
+
+from jaxlens.lenses import BrownConrady, Lens, RadialPolynomial
+
+# Names that the field has for the numbers of a vector.
+_OPENCV = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+_SYMBOLS = {
+    (RadialPolynomial, "coefficients"): lambda i: f"kappa{i + 1}",
+    (BrownConrady, "coefficients"): lambda i: _OPENCV[i],
+}
+
+
+class Choice(NamedTuple):
+    """Which of a pytree's floating numbers are free: their places, and their names, in the same order."""
+
+    indices: tuple[int, ...]
+    names: tuple[str, ...]
+
+
+class Selection(eqx.Module):
+    """A pytree of which some numbers are free.
+
+    Attributes:
+        tree: The pytree; the numbers that are not free keep their values.
+        choice: Which are free.
+    """
+
+    tree: PyTree
+    choice: Choice = eqx.field(static=True)
+
+    def values(self) -> Float[Array, " free"]:
+        """Returns the free numbers."""
+        return _ravel(self.tree)[np.asarray(self.choice.indices, int)]
+
+    def insert(self, values: Float[Array, " free"]) -> Any:
+        """Returns the pytree with other values for the free numbers."""
+        leaves, structure = jax.tree.flatten(self.tree)
+        flat = _ravel(self.tree).at[np.asarray(self.choice.indices, int)].set(values)
+        ends = np.cumsum([leaf.size for leaf in leaves])[:-1]
+        parts = jnp.split(flat, ends)
+        return jax.tree.unflatten(
+            structure, [part.reshape(leaf.shape) for part, leaf in zip(parts, leaves, strict=True)]
+        )
+
+
+def choose(tree: PyTree, free: PyTree) -> Choice:
+    """Returns the choice of a pytree's numbers for which a pytree of booleans (or arrays of them) is true.
+
+    Args:
+        tree: A pytree of floating arrays; their values do not matter.
+        free: The same structure, with a boolean or an array of booleans for each array; static.
+
+    Raises:
+        ValueError: the mask does not fit the pytree.
+    """
+    leaves, structure = jax.tree_util.tree_flatten_with_path(tree)
+    masks = jax.tree.leaves(free)
+    if jax.tree.structure(free) != jax.tree.structure(tree) or len(masks) != len(leaves):
+        raise ValueError(
+            "`free` must have the structure of what is fitted, with a boolean for each array in it: expected "
+            f"{structure}, got {jax.tree.structure(free)}"
+        )
+    chosen: list[tuple[str, bool, int, str]] = []
+    begin = 0
+    for (path, leaf), mask in zip(leaves, masks, strict=True):
+        mask, shape = np.asarray(mask), np.shape(leaf)
+        if mask.dtype != bool or mask.shape not in ((), shape):
+            raise ValueError(
+                f"`free` needs a boolean, or an array of booleans of shape {shape}, for {keystr(path)}; got "
+                f"{mask.dtype} of shape {mask.shape}"
+            )
+        flags = np.broadcast_to(mask, shape).ravel()
+        names = _names(tree, path, shape)
+        # A centre of distortion is named after the coefficients of its lens.
+        branch, late = str(path[0]) if len(path) > 1 else "", bool(names) and names[0].startswith("center")
+        chosen += [(branch, late, begin + i, names[i]) for i in np.flatnonzero(flags).tolist()]
+        begin += flags.size
+    chosen.sort()
+    return Choice(tuple(index for *_, index, _ in chosen), tuple(name for *_, name in chosen))
+
+
+def without(choice: Choice, fixed: Sequence[str]) -> Choice:
+    """Returns the choice without some of its names.
+
+    Raises:
+        ValueError: a name that it does not have.
+    """
+    unknown = [name for name in fixed if name not in choice.names]
+    if unknown:
+        raise ValueError(f"cannot fix {unknown[0]!r}: the parameters are {', '.join(choice.names)}")
+    kept = [pair for pair in zip(*choice, strict=True) if pair[1] not in fixed]
+    return Choice(tuple(index for index, _ in kept), tuple(name for _, name in kept))
+
+
+def everything_but_the_center(lens: Lens) -> PyTree:
+    """Returns the mask of a lens in which all but a centre of distortion is free."""
+    mask = jax.tree.map(lambda _: True, lens)
+    return eqx.tree_at(lambda lens: lens.center, mask, False) if hasattr(lens, "center") else mask
+
+
+def with_center(mask: PyTree, lens: Lens) -> PyTree:
+    """Returns the mask with the centre of distortion free, too.
+
+    Raises:
+        ValueError: the lens has none of its own.
+    """
+    if not hasattr(lens, "center"):
+        raise ValueError(f"center=True needs a lens with a centre of distortion; {type(lens).__name__} has none")
+    return eqx.tree_at(lambda lens: lens.center, mask, True)
+
+
+def in_dtype(tree: PyTree, dtype: jax.typing.DTypeLike) -> Any:
+    """Returns a pytree with all its floating arrays in one dtype."""
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), tree)
+
+
+def _ravel(tree: PyTree) -> Float[Array, " numbers"]:
+    return jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(tree)])
+
+
+def _names(tree: PyTree, path: tuple, shape: tuple[int, ...]) -> list[str]:
+    owner = tree
+    for key in path[:-1]:
+        match key:
+            case GetAttrKey(name):
+                owner = getattr(owner, name)
+            case DictKey(key) | SequenceKey(key):
+                owner = owner[key]
+    last = path[-1] if path else None
+    name = getattr(last, "name", None) or str(getattr(last, "key", "value"))
+    for (kind, field), symbol in _SYMBOLS.items():
+        if isinstance(owner, kind) and field == name:
+            return [symbol(i) for i in range(shape[0])]
+    if shape == ():
+        return [name]
+    if name in ("center", "principal_point", "focal_length") and shape == (2,):
+        stem = {"center": "center_", "principal_point": "c", "focal_length": "f"}[name]
+        return [stem + "x", stem + "y"]
+    return [name + "".join(f"[{i}]" for i in index) for index in np.ndindex(*shape)]

@@ -1,0 +1,166 @@
+"""Fitting a lens to correspondences: ideal points, and where they were observed."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float, PyTree
+
+from jaxlens.fitting._arguments import (
+    Bounds,
+    as_weights,
+    bound_vectors,
+    check_count,
+    check_finite,
+    check_loss,
+    common_dtype,
+)
+from jaxlens.fitting._parameters import Choice, Selection, choose, everything_but_the_center, in_dtype, with_center
+from jaxlens.fitting._problem import Problem, assess, minimize
+from jaxlens.fitting._result import Fit, checked
+from jaxlens.fitting._robust import Loss
+from jaxlens.fitting._solver import Unknowns
+from jaxlens.frames import Frame
+from jaxlens.lenses import Lens
+from jaxlens.numerics import as_points
+
+
+class _Points(Problem):
+    selection: Selection
+    frame: Frame
+    ideal: Float[Array, "points 2"]
+    observed: Float[Array, "points 2"]
+    weights: Float[Array, "1 points"]
+
+    def residuals(self, unknowns: Unknowns) -> Float[Array, "1 points 2"]:
+        model = self.selection.insert(unknowns.shared)
+        predicted = self.frame.zoomed(model["scale"]).denormalize(model["lens"].distort(self.ideal))
+        used = (self.weights[0] > 0)[:, None]
+        return jnp.where(used, self.observed - predicted, 0)[None]
+
+
+def fit_points(
+    lens: Lens,
+    ideal: Float[ArrayLike, "points 2"],
+    observed: Float[ArrayLike, "points 2"],
+    *,
+    frame: Frame | None = None,
+    weights: Float[ArrayLike, " points"] | None = None,
+    free: PyTree | None = None,
+    center: bool = False,
+    scale: bool = False,
+    bounds: Bounds | None = None,
+    loss: Loss = "linear",
+    loss_scale: Float[ArrayLike, ""] | None = None,
+    max_steps: int = 200,
+    throw: bool = True,
+) -> Fit:
+    """Finds the lens that takes ideal points to observed ones: `observed ≈ frame.denormalize(lens.distort(ideal))`.
+
+    Args:
+        lens: Where to start; its class and number of coefficients are the model.
+        ideal: `(N, 2)` normalized points, (x, y) order.
+        observed: `(N, 2)` where they are seen: normalized too, or in pixels if there is a `frame`.
+        frame: Between normalized coordinates and `observed`; none if that is normalized.
+        weights: `(N,)`, inverse variances up to a common factor. Points of weight zero do not count, and may be NaN.
+        free: Which numbers of the lens are fitted: a pytree of the lens's structure, with a boolean, or an array of
+            booleans, for each of its arrays. All but a centre of distortion, unless given.
+        center: Fit the lens's centre of distortion, too.
+        scale: Fit the frame's scale, too: one factor, called `scale`, on that of `frame`. An unknown scale needs
+            ideal points whose size is known, as those of a plane or a board.
+        bounds: By parameter, its smallest and largest value: `{"kappa1": (-1.0, 1.0)}`. A parameter that ends at
+            its bound is still counted, and its standard error is that of a free one.
+        loss: `linear` for normal noise; `huber` or `cauchy` when some points are wrong.
+        loss_scale: The residual at which the loss bends, in units of a point of weight one; estimated by
+            the median residual, unless given.
+        max_steps: Steps of the solver, in each round of a robust loss.
+        throw: Raise `FitError` unless the fit has converged and the data determine it. Under `jax.jit` and `jax.vmap`
+            nothing is raised: look at `status`.
+
+    Returns:
+        A `Fit`, in the widest dtype among data and lens (x64 is wanted for standard errors of nearly dependent
+        coefficients). Differentiable with respect to `ideal`, `observed`, `weights`, the frame and the
+        fixed parameters by the implicit function theorem, where no bound is active; with a robust loss at a fixed loss
+        scale. `folds` tells whether one of the ideal points lies where the lens is not one-to-one.
+
+    Raises:
+        ValueError: shapes that do not fit, points that are not finite, fewer equations than parameters.
+        FitError: `throw`, and no result worth having.
+
+    Example:
+        >>> import jax.numpy as jnp, jaxlens as jl
+        >>> ideal = jnp.stack(jnp.meshgrid(jnp.linspace(-0.7, 0.7, 9), jnp.linspace(-0.5, 0.5, 7)), -1).reshape(-1, 2)
+        >>> observed = jl.RadialPolynomial([-0.2, 0.05]).distort(ideal)
+        >>> fit = jl.fitting.fit_points(jl.RadialPolynomial([0.0, 0.0]), ideal, observed)
+        >>> [round(float(value), 3) for value in fit.lens.coefficients]
+        [-0.2, 0.05]
+    """
+    check_loss(loss)
+    ideal, observed = as_points(ideal), as_points(observed)
+    if ideal.ndim != 2 or ideal.shape != observed.shape:
+        raise ValueError(
+            f"ideal and observed must both have shape (N, 2), got {ideal.shape} and {observed.shape}; for a batch of "
+            "fits use jax.vmap"
+        )
+    weights = as_weights(weights, ideal.shape[:1])
+    check_finite("ideal", ideal, weights)
+    check_finite("observed", observed, weights)
+    mask = everything_but_the_center(lens) if free is None else free
+    mask = with_center(mask, lens) if center else mask
+    choice = choose({"lens": lens, "scale": 1.0}, {"lens": mask, "scale": scale})
+    check_count(2, weights, choice.names, "points")
+    dtype = common_dtype(lens, ideal, observed)
+    fit = _fit(
+        choice,
+        lens,
+        Frame(np.zeros(2, dtype), np.ones(2, dtype)) if frame is None else frame,
+        ideal,
+        observed,
+        weights,
+        bound_vectors(bounds, choice.names, dtype),
+        loss_scale,
+        loss=loss,
+        max_steps=max_steps,
+    )
+    return checked(fit, throw)
+
+
+@partial(jax.jit, static_argnames=("choice", "loss", "max_steps"))
+def _fit(choice: Choice, lens, frame, ideal, observed, weights, bounds, loss_scale, *, loss, max_steps) -> Fit:
+    dtype = common_dtype(lens, ideal, observed)
+    frame, ideal, observed, weights, loss_scale = in_dtype((frame, ideal, observed, weights, loss_scale), dtype)
+    selection = Selection(in_dtype({"lens": lens, "scale": 1.0}, dtype), choice)
+    used = (weights > 0)[:, None]
+    problem = _Points(
+        selection=selection, frame=frame, ideal=jnp.where(used, ideal, 0), observed=observed, weights=weights[None]
+    )
+    minimum = minimize(
+        problem,
+        Unknowns.dense(selection.values()),
+        loss=loss,
+        loss_scale=loss_scale,
+        bounds=bounds,
+        max_steps=max_steps,
+    )
+    known = assess(problem, minimum, loss)
+    model = selection.insert(minimum.unknowns.shared)
+    return Fit(
+        lens=model["lens"],
+        frame=frame.zoomed(model["scale"]),
+        poses=None,
+        names=choice.names,
+        values=minimum.unknowns.shared,
+        covariance=known.covariance,
+        condition_number=known.condition_number,
+        inflation=known.inflation,
+        weakest_direction=known.weakest_direction,
+        residuals=known.residuals[0],
+        rms=known.rms,
+        per_view_rms=None,
+        degrees_of_freedom=known.degrees_of_freedom,
+        loss_scale=minimum.loss_scale,
+        status=known.status,
+        steps=minimum.steps,
+        folds=jnp.any(~model["lens"].one_to_one(problem.ideal) & used[:, 0]),
+    )

@@ -1,0 +1,177 @@
+"""What a fit returns: the lens, how well it is known, and whether to believe it."""
+
+import enum
+import warnings
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from jaxlens.fitting._arguments import is_concrete
+from jaxlens.fitting._poses import Poses
+from jaxlens.frames import Frame
+from jaxlens.lenses import Lens
+
+# A coefficient whose variance the others inflate more than this is traded against them, not measured: its own columns
+# of the Jacobian agree with a combination of the others' to one part in a thousand.
+IDENTIFIED = 1e6
+
+
+class FitStatus(enum.IntEnum):
+    """How a fit ended."""
+
+    CONVERGED = 0
+    """At a minimum, to the precision of the dtype."""
+    MAX_STEPS = 1
+    """Out of steps; the lens is the best found so far."""
+    DIVERGED = 2
+    """No step made the residuals smaller, though they are not at a minimum."""
+    RANK_DEFICIENT = 3
+    """The data leave a combination of the parameters undetermined."""
+    TOO_FEW = 4
+    """Fewer residuals than parameters."""
+    NOT_FINITE = 5
+    """The data, or the start's residuals, are not finite."""
+
+
+class FitError(RuntimeError):
+    """A fit that did not reach a result worth having; the message says why."""
+
+
+class FitWarning(UserWarning):
+    """A fit whose result deserves a second look."""
+
+
+class Fit(eqx.Module):
+    """The result of every fit. It is a pytree: under `jax.vmap` its arrays have a leading batch axis.
+
+    Attributes:
+        lens: The fitted lens, with the values of `values` in it.
+        frame: The frame between normalized coordinates and pixels: as given, or fitted (a camera matrix).
+        poses: The poses of the boards, of `calibrate` only.
+        names: The fitted parameters' names, in the order of everything below.
+        values: Their values.
+        covariance: Their covariance, with n − p degrees of freedom; with a robust loss by Huber's formula. NaN where
+            the data do not determine it.
+        condition_number: Of the Jacobian, its columns scaled to length one.
+        inflation: How many times the other parameters' being unknown inflates the variance of each.
+        weakest_direction: The combination of (scaled) parameters that the data determine least, of length one.
+        residuals: `(..., components)`, observed − predicted, not weighted; zero where the weight is zero.
+        rms: The root of the mean squared length of the residuals, weighted.
+        per_view_rms: The same for each view, of `calibrate` only.
+        degrees_of_freedom: n − p: residual components less parameters (those of poses and of lines counted too).
+        loss_scale: Where the robust loss bends, ∞ for `linear`.
+        status: A `FitStatus`.
+        steps: Steps of the solver, over all rounds of a robust loss.
+        folds: Whether the lens folds over within the data or the picture.
+    """
+
+    lens: Lens
+    frame: Frame | None
+    poses: Poses | None
+    names: tuple[str, ...] = eqx.field(static=True)
+    values: Float[Array, " parameters"]
+    covariance: Float[Array, "parameters parameters"]
+    condition_number: Float[Array, ""]
+    inflation: Float[Array, " parameters"]
+    weakest_direction: Float[Array, " parameters"]
+    residuals: Float[Array, "*points components"]
+    rms: Float[Array, ""]
+    per_view_rms: Float[Array, " views"] | None
+    degrees_of_freedom: Int[Array, ""]
+    loss_scale: Float[Array, ""]
+    status: Int[Array, ""]
+    steps: Int[Array, ""]
+    folds: Bool[Array, ""]
+
+    @property
+    def standard_errors(self) -> Float[Array, " parameters"]:
+        """The square roots of the variances, one for each name."""
+        return jnp.sqrt(jnp.diagonal(self.covariance, axis1=-2, axis2=-1))
+
+    @property
+    def correlation(self) -> Float[Array, "parameters parameters"]:
+        """The correlations between the estimates."""
+        errors = self.standard_errors
+        return self.covariance / (errors[..., :, None] * errors[..., None, :])
+
+    @property
+    def parameters(self) -> dict[str, Float[Array, ""]]:
+        """The fitted values by name."""
+        return {name: self.values[..., i] for i, name in enumerate(self.names)}
+
+    @property
+    def unidentified(self) -> Bool[Array, " parameters"]:
+        """Which parameters are traded against others rather than measured: variance inflated over a million times."""
+        return ~(self.inflation < IDENTIFIED)
+
+    @property
+    def camera_matrix(self) -> Float[Array, "3 3"]:
+        """The frame as a camera matrix.
+
+        Raises:
+            ValueError: the fit has no frame.
+        """
+        if self.frame is None:
+            raise ValueError("this fit has no frame, and so no camera matrix: its points were normalized already")
+        return self.frame.camera_matrix()
+
+    def problems(self) -> list[str]:
+        """Returns why the result deserves a second look, a sentence each; empty if nothing speaks against it."""
+        found = []
+        weak = [name for name, flag in zip(self.names, np.asarray(self.unidentified), strict=True) if flag]
+        if weak and int(self.status) == FitStatus.CONVERGED:
+            found.append(
+                f"{', '.join(weak)} {'is' if len(weak) == 1 else 'are'} not identified: the data fit almost as well "
+                "with other values, if the rest is changed with them; fix some of them, or take a lens with fewer "
+                "coefficients"
+            )
+        if bool(self.folds):
+            found.append("the fitted lens folds over within the data or the picture: it is no model of a lens there")
+        return found
+
+    def summary(self) -> str:
+        """Returns a table of estimates, standard errors and diagnostics, as a statistician would read it."""
+        from jaxlens.fitting._summary import summarize
+
+        return summarize(self)
+
+
+def checked(fit: Fit, throw: bool) -> Fit:
+    """Returns the fit; if its numbers are known by now, raises where it failed and warns where it is doubtful.
+
+    Raises:
+        FitError: `throw`, and the status is not `CONVERGED`.
+    """
+    if not is_concrete(fit):
+        return fit
+    status = FitStatus(int(fit.status))
+    if throw and status != FitStatus.CONVERGED:
+        raise FitError(explain(fit))
+    for problem in fit.problems():
+        warnings.warn(problem, FitWarning, stacklevel=3)
+    return fit
+
+
+def explain(fit: Fit) -> str:
+    """Returns what a fit's status means for this fit."""
+    status, steps = FitStatus(int(fit.status)), int(fit.steps)
+    match status:
+        case FitStatus.CONVERGED:
+            return f"converged after {steps} steps"
+        case FitStatus.MAX_STEPS:
+            return f"not converged after {steps} steps: raise max_steps, or start nearer to the solution"
+        case FitStatus.DIVERGED:
+            return f"the solver is stuck after {steps} steps, at no minimum: start nearer to the solution"
+        case FitStatus.TOO_FEW:
+            return f"the data have fewer residuals than there are parameters: {', '.join(fit.names)}"
+        case FitStatus.NOT_FINITE:
+            return "the data, or the residuals at the start, are not finite"
+    share = np.abs(np.asarray(fit.weakest_direction))
+    involved = [name for name, part in zip(fit.names, share, strict=True) if not part < 0.05]
+    together = f"{', '.join(involved)} separately" if len(involved) > 1 else "".join(involved)
+    remedy = "give more varied data, or fix some of the parameters by `free`"
+    if fit.poses is not None:
+        remedy = "show the board at more angles (parallel boards tell no more than one), or fix some parameters"
+    return f"the data do not determine {together} (condition number {float(fit.condition_number):.1e}): {remedy}"
