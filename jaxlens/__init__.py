@@ -6,6 +6,7 @@ The names below are imported when they are first used, so that `jaxlens --help` 
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from jaxlens import calibrations as calibrations
     from jaxlens import diagnostics as diagnostics
     from jaxlens import fitting as fitting
     from jaxlens import images as images
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from jaxlens.warping import warp as warp
 
 # The same names for the interpreter, module by module; a test holds the two lists together.
-_MODULES = ("diagnostics", "fitting", "images", "metrics")
+_MODULES = ("calibrations", "diagnostics", "fitting", "images", "metrics")
 _NAMES = {
     "frames": ("Frame",),
     "lenses": ("BrownConrady", "Division", "Lens", "RadialLens", "RadialPolynomial"),

@@ -9,10 +9,16 @@ import sys
 import pytest
 
 import jaxlens as jl
-from jaxlens import diagnostics, fitting, images, maps, metrics
+from jaxlens import calibrations, diagnostics, fitting, images, maps, metrics
 
 PACKAGE = pathlib.Path(jl.__file__).parent
-MODULES = {"diagnostics": diagnostics, "fitting": fitting, "images": images, "metrics": metrics}
+MODULES = {
+    "calibrations": calibrations,
+    "diagnostics": diagnostics,
+    "fitting": fitting,
+    "images": images,
+    "metrics": metrics,
+}
 
 
 def public_names():

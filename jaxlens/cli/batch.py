@@ -7,6 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
+from jaxlens.calibrations import Calibration, CalibrationError
+from jaxlens.cli.calibrations import load_calibration
 from jaxlens.cli.errors import CommandError, UsageError, describe_unexpected, wants_traceback
 from jaxlens.cli.jobs import Job
 from jaxlens.cli.messages import say
@@ -31,15 +33,16 @@ def warp_files(jobs: Sequence[Job], arguments: WarpArguments, direction: Directi
         The exit code: 0, or 1 where a picture failed.
 
     Raises:
-        UsageError: a quality is given, and no output has one.
+        UsageError: a quality is given, and no output has one; the file of the lens is no calibration.
     """
     _check_quality(jobs, arguments.quality)
+    calibration = None if arguments.lens is None else load_calibration(arguments.lens)
     told: set[str] = set()
     written: list[str] = []
     with _folder(jobs[0].folder), _progress(jobs) as steps:
         for job in steps:
             try:
-                written.append(_warp_file(job, arguments, direction, told))
+                written.append(_warp_file(job, arguments, calibration, direction, told))
             except CommandError as error:
                 say(str(error))
             except Exception as error:
@@ -63,10 +66,12 @@ def _has_quality(path: Path) -> bool:
     return path.suffix.lower() in _WITH_QUALITY
 
 
-def _warp_file(job: Job, arguments: WarpArguments, direction: Direction, told: set[str]) -> str:
+def _warp_file(
+    job: Job, arguments: WarpArguments, calibration: Calibration | None, direction: Direction, told: set[str]
+) -> str:
     _check_target(job, arguments.overwrite)
     picture = read_picture(job.source, arguments.max_pixels)
-    warped = _warp_picture(picture, job.source, arguments, direction, told)
+    warped = _warp_picture(picture, job.source, arguments, calibration, direction, told)
     if job.folder is not None:
         _make_folder(job.folder)
     quality = arguments.quality if _has_quality(job.target) else None
@@ -75,7 +80,12 @@ def _warp_file(job: Job, arguments: WarpArguments, direction: Direction, told: s
 
 
 def _warp_picture(
-    picture: Picture, source: Path, arguments: WarpArguments, direction: Direction, told: set[str]
+    picture: Picture,
+    source: Path,
+    arguments: WarpArguments,
+    calibration: Calibration | None,
+    direction: Direction,
+    told: set[str],
 ) -> Picture:
     # Here, for JAX takes its time to import: a picture that cannot be read says so at once.
     from jaxlens.cli.pixels import FillError, Warp, find_fold, inner_rectangle, warp_pixels
@@ -83,24 +93,29 @@ def _warp_picture(
     center = arguments.center
     warp = Warp(
         direction=direction,
-        kappa=tuple(arguments.kappa),
+        kappa=tuple(arguments.kappa or ()),
         method=arguments.method,
         border=arguments.border,
         fill=None if arguments.fill is None else tuple(arguments.fill),
         antialias=arguments.antialias,
         center=None if center is None else (center[0], center[1]),
+        calibration=calibration,
     )
     height, width = picture.pixels.shape[:2]
-    fold = find_fold(warp, height, width)
-    if fold is not None:
-        _tell_once(
-            f"warning: the lens folds at the radius {fold.radius:.4g} ({fold.pixels:.1f} pixels from its centre in a "
-            f"picture of {width} × {height}): {fold.share:.2%} of the pixels have no preimage and take the fill value",
-            told,
-        )
     try:
+        fold = find_fold(warp, height, width)
+        if fold is not None:
+            where = (
+                "" if fold.radius is None else f" at the radius {fold.radius:.4g} ({fold.pixels:.1f} pixels from its"
+            )
+            where += "" if fold.radius is None else " centre)"
+            _tell_once(
+                f"warning: the lens folds{where} in a picture of {width} × {height}: {fold.share:.2%} of the pixels "
+                "have no preimage and take the fill value",
+                told,
+            )
         pixels = warp_pixels(picture.pixels, warp)
-    except FillError as error:
+    except (CalibrationError, FillError) as error:
         raise CommandError(f"cannot {direction} {str(source)!r}: {error}") from error
     if arguments.crop:
         top, left, tall, wide = inner_rectangle(warp, height, width)

@@ -21,18 +21,27 @@ from typing import Any, NoReturn
 from jaxlens.cli.errors import CommandError, describe_unexpected, wants_traceback
 from jaxlens.cli.messages import say
 
-COMMANDS = ("sweep", "distort", "undistort", "compare")
-"""In the order of the help; each is a module here with `Arguments`, `HELP` and `run`."""
+COMMANDS = ("sweep", "distort", "undistort", "compare", "fit points", "fit lines", "fit images", "calibrate")
+"""In the order of the help; each is a module here, its words joined by `_`, with `Arguments`, `HELP` and `run`."""
 
-_HELP = """Lenses for pictures: apply a lens, remove it, compare, run the experiments.
+_HELP = """Lenses for pictures: apply a lens, remove it, find it, compare, run the experiments.
 
 Examples:
   jaxlens undistort photo.jpg --kappa -0.2 0.05 --output straight.jpg
   jaxlens distort photos/ --kappa 0.3 --output distorted/ --crop
   jaxlens compare photo.jpg straight.jpg
+  jaxlens fit images photo.jpg distorted.jpg --output lens.json
+  jaxlens calibrate boards/*.jpg --board 9x6 --output camera.json
   jaxlens sweep experiments/table1.toml
   jaxlens distort --help
   jaxlens --version"""
+_FIT_HELP = """Find a lens by least squares, from what it did.
+
+Examples:
+  jaxlens fit points points.csv --image-size 640x480 --output lens.json
+  jaxlens fit lines lines.csv --image-size 640x480 --fit-center
+  jaxlens fit images portrait.png distorted.png --plots fit/
+  jaxlens fit points --help"""
 _INTERRUPTED = 130
 _BROKEN_PIPE = 141
 
@@ -94,29 +103,32 @@ def _parse(arguments: list[str]) -> tuple[Callable[[Any], int], Any]:
     import tyro
 
     config = (tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff)
-    if arguments and arguments[0] in COMMANDS:
+    name = next((name for name in COMMANDS if arguments[: len(name.split())] == name.split()), None)
+    if name is not None:
         # Only the command that is meant is imported and explained.
-        name, *rest = arguments
-        command = _command(name)
+        command, rest = _command(name), arguments[len(name.split()) :]
         parsed = tyro.cli(command.Arguments, prog=f"jaxlens {name}", description=command.HELP, args=rest, config=config)
         return command.run, parsed
+    # What is left is a group of commands, its help, or nothing that there is.
+    group = arguments[0] if arguments and any(name.startswith(f"{arguments[0]} ") for name in COMMANDS) else ""
+    members = [name for name in COMMANDS if name.startswith(group)]
     tyro.extras.subcommand_cli_from_dict(
-        {name: _command(name).Arguments for name in COMMANDS},
-        prog="jaxlens",
-        description=_HELP,
-        args=arguments,
+        {name.removeprefix(group).strip(): _command(name).Arguments for name in members},
+        prog=f"jaxlens {group}".strip(),
+        description=_FIT_HELP if group else _HELP,
+        args=arguments[1:] if group else arguments,
         config=config,
     )
     _not_a_command(arguments)
 
 
 def _not_a_command(arguments: list[str]) -> NoReturn:
-    say(f"a command comes first ({', '.join(COMMANDS)}), got {arguments[:1]}; see jaxlens --help")
+    say(f"a command comes first ({', '.join(COMMANDS)}), got {arguments[:2]}; see jaxlens --help")
     raise SystemExit(2)
 
 
 def _command(name: str) -> Any:
-    return import_module(f"jaxlens.cli.{name}")
+    return import_module(f"jaxlens.cli.{name.replace(' ', '_')}")
 
 
 def _version() -> str:

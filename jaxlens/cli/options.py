@@ -25,12 +25,17 @@ class WarpArguments:
     files: Annotated[Paths, Positional, paths("FILE..."), arg(help_behavior_hint="")]
     """Pictures (PNG, JPEG, TIFF, WebP, BMP, PNM, GIF), or folders of them, which are not searched deeper."""
 
-    kappa: Annotated[Numbers, numbers("K1 [K2 ...]", largest=1e6), arg(aliases=["-k"])]
-    """The lens Φ(r²) = 1 + κ1 r² + κ2 r⁴ + …, r in half-diagonals from its centre; κ < 0 is barrel, > 0 pincushion."""
-
     output: Annotated[str, arg(metavar="PATH", aliases=["-o"])]
     """For one picture its new file, or a folder that exists or ends in a slash; for several, or a folder of them, a
     folder, which is made if need be. The suffix of a file is its format."""
+
+    kappa: Annotated[
+        Optional[Numbers], numbers("K1 [K2 ...]", largest=1e6), arg(aliases=["-k"], help_behavior_hint="")
+    ] = None
+    """The lens Φ(r²) = 1 + κ1 r² + κ2 r⁴ + …, r in half-diagonals from its centre; κ < 0 is barrel, > 0 pincushion."""
+
+    lens: Annotated[Optional[Path], arg(metavar="FILE", help_behavior_hint="")] = None
+    """In place of --kappa, the lens of a calibration that jaxlens fit or jaxlens calibrate wrote."""
 
     method: Method = "bilinear"
     """How to read between pixels; bicubic is Keys's kernel, bicubic_opencv that of OpenCV."""
@@ -77,6 +82,12 @@ def check_options(options: WarpArguments) -> None:
     """
     if not options.output:
         raise UsageError("--output is empty; a variable in your script may be unset")
+    if (options.kappa is None) == (options.lens is None):
+        raise UsageError("one lens is needed: pass --kappa K1 [K2 ...], or --lens FILE.json")
+    if options.lens is not None:
+        if options.center is not None:
+            raise UsageError("--center goes with --kappa; a calibration has a centre of its own: leave it out")
+        check_file(options.lens)
     if options.quality is not None and not 1 <= options.quality <= 100:
         raise UsageError(f"--quality is from 1 to 100, got {options.quality}")
     if options.fill is not None and len(options.fill) > 4:

@@ -11,9 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Real, Shaped
 
+from jaxlens.calibrations import Calibration
 from jaxlens.diagnostics import coverage, largest_rectangle
 from jaxlens.frames import Frame
-from jaxlens.lenses import RadialPolynomial
+from jaxlens.lenses import Lens, RadialLens, RadialPolynomial
 from jaxlens.maps import CoordinateMap, OneToOne
 from jaxlens.sampling import Border, Method
 from jaxlens.warping import distort_image, source_coordinates, undistort_image
@@ -40,15 +41,17 @@ class Warp:
         fill: One value, or one for each channel; None for black, or transparent where there is alpha.
         antialias: As in `jaxlens.remap`.
         center: Of the lens, (x, y) in pixels; None for Eq. 10's.
+        calibration: Another lens with a frame of its own, in place of `kappa` and `center`.
     """
 
     direction: Direction
-    kappa: tuple[float, ...]
+    kappa: tuple[float, ...] = ()
     method: Method = "bilinear"
     border: Border = "constant"
     fill: tuple[float, ...] | None = None
     antialias: bool = False
     center: tuple[float, float] | None = None
+    calibration: Calibration | None = None
 
 
 class FillError(ValueError):
@@ -60,13 +63,14 @@ class Fold:
     """Where a lens stops being one-to-one, and what that costs a picture.
 
     Attributes:
-        radius: The ideal radius, in half-diagonals of the picture.
-        pixels: The same in pixels.
+        radius: The ideal radius in normalized coordinates (half-diagonals of the picture, in Eq. 10's frame); None for
+            a lens that has no one radius.
+        pixels: The same in pixels, along the shorter axis of the frame.
         share: The share of the output's pixels that have no preimage.
     """
 
-    radius: float
-    pixels: float
+    radius: float | None
+    pixels: float | None
     share: float
 
 
@@ -135,25 +139,28 @@ def inner_rectangle(warp: Warp, height: int, width: int) -> Rectangle:
 @cache
 def find_fold(warp: Warp, height: int, width: int) -> Fold | None:
     """Tells whether the lens folds inside a picture of this size, and what that costs; None if it does not."""
-    (x, y), half_diagonal = _center(warp, height, width), math.hypot(width, height) / 2
-    corner = math.hypot(max(x, width - 1 - x), max(y, height - 1 - y)) / half_diagonal
     with jax.enable_x64(False):
         lens, frame = _lens_and_frame(warp, height, width, np.float32)
+        if not isinstance(lens, RadialLens):
+            share = float(_share_without_source(_mapping(lens, warp.direction), frame, height, width))
+            return Fold(None, None, share) if share > 0 else None
+        (x, y), (wide, tall) = (np.asarray(part).tolist() for part in (frame.denormalize(lens.center), frame.scale))
+        corner = math.hypot(max(x, width - 1 - x) / wide, max(y, height - 1 - y) / tall)
         radius, edge = (float(value) for value in _fold_radii(lens))
         # Of distorting, pixels beyond the fold's observed radius are without a preimage; and what of the source lies
         # beyond the fold itself is seen nowhere.
         if radius >= corner and (warp.direction == "undistort" or edge >= corner):
             return None
         share = float(_share_without_source(_mapping(lens, warp.direction), frame, height, width))
-    return Fold(radius, radius * half_diagonal, share)
+    return Fold(radius, radius * min(wide, tall), share)
 
 
-def _mapping(lens: RadialPolynomial, direction: Direction) -> CoordinateMap:
+def _mapping(lens: Lens, direction: Direction) -> CoordinateMap:
     return lens.inverse() if direction == "distort" else OneToOne(lens)
 
 
 @jax.jit
-def _fold_radii(lens: RadialPolynomial) -> tuple[Float[Array, ""], Float[Array, ""]]:
+def _fold_radii(lens: RadialLens) -> tuple[Float[Array, ""], Float[Array, ""]]:
     return lens.fold_radius(), lens.edge_radius()
 
 
@@ -167,7 +174,10 @@ def _center(warp: Warp, height: int, width: int) -> tuple[float, float]:
     return (width / 2, height / 2) if warp.center is None else warp.center
 
 
-def _lens_and_frame(warp: Warp, height: int, width: int, dtype: type[np.floating]) -> tuple[RadialPolynomial, Frame]:
+def _lens_and_frame(warp: Warp, height: int, width: int, dtype: type[np.floating]) -> tuple[Lens, Frame]:
+    if warp.calibration is not None:
+        pair = warp.calibration.lens(), warp.calibration.frame(height, width)
+        return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), pair)
     half_diagonal = math.hypot(width, height) / 2
     frame = Frame(jnp.asarray(_center(warp, height, width), dtype), jnp.asarray(half_diagonal, dtype))
     return RadialPolynomial(jnp.asarray(warp.kappa, dtype)), frame

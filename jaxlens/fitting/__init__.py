@@ -4,6 +4,7 @@ from jaxlens.fitting._boards import Boards as Boards
 from jaxlens.fitting._boards import HeldOut as HeldOut
 from jaxlens.fitting._boards import calibrate as calibrate
 from jaxlens.fitting._boards import evaluate as evaluate
+from jaxlens.fitting._curve import distortion_curve as distortion_curve
 from jaxlens.fitting._images import fit_images as fit_images
 from jaxlens.fitting._lines import fit_lines as fit_lines
 from jaxlens.fitting._points import fit_points as fit_points

@@ -1,0 +1,168 @@
+"""`jaxlens calibrate`: a camera from pictures of a chessboard."""
+
+# Optional[X] for the same reason as in `jaxlens.cli.options`.
+# ruff: noqa: UP045
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Optional
+
+from tyro.conf import Positional, arg
+
+from jaxlens.cli.errors import CommandError, UsageError
+from jaxlens.cli.fits import FitArguments, Model, check_fit_arguments, deliver, fitting, parse_size, starting_lens
+from jaxlens.cli.messages import say
+from jaxlens.cli.options import check_file, check_max_pixels
+from jaxlens.cli.values import Paths, paths
+
+if TYPE_CHECKING:
+    import numpy as np
+
+HELP = """Calibrate a camera: its matrix, its lens and the poses of a board.
+
+What it does:
+  Finds the inner corners of a chessboard in the pictures (by OpenCV:
+  pip install 'jaxlens[calibrate]'), or reads them from a CSV file with the
+  columns view, corner, board_x, board_y, x, y. Pictures in which no board is
+  found are named and left out. --board counts inner corners.
+
+Examples:
+  jaxlens calibrate photos/*.jpg --board 9x6 --square 25 --output camera.json
+  jaxlens calibrate --corners corners.csv --image-size 640x480 --plots fit/"""
+
+
+@dataclass(frozen=True)
+class Arguments(FitArguments):
+    """Calibrate a camera from pictures of a chessboard."""
+
+    files: Annotated[Paths, Positional, paths("FILE..."), arg(help_behavior_hint="")] = field(default_factory=Paths)
+    """Pictures of the board; not with --corners."""
+
+    model: Model = "brown-conrady"
+    """The lens: OpenCV's k1 k2 p1 p2 k3 ..., 1 + κ1 r² + κ2 r⁴ + …, or the division model."""
+
+    board: Annotated[Optional[str], arg(metavar="COLUMNSxROWS", help_behavior_hint="")] = None
+    """The board's inner corners, such as 9x6."""
+
+    square: Annotated[float, arg(metavar="SIZE")] = 1.0
+    """The side of a square, in the unit that the poses shall have."""
+
+    corners: Annotated[Optional[Path], arg(metavar="FILE.csv", help_behavior_hint="")] = None
+    """Corners found elsewhere."""
+
+    image_size: Annotated[Optional[str], arg(metavar="WIDTHxHEIGHT", help_behavior_hint="")] = None
+    """The pictures' size in pixels, with --corners."""
+
+    max_pixels: Annotated[Optional[int], arg(metavar="COUNT", help_behavior_hint="(default: 200 million)")] = None
+    """Refuse pictures with more pixels, before they are decoded."""
+
+
+def run(arguments: Arguments) -> int:
+    """Runs the command; returns the exit code."""
+    check_fit_arguments(arguments)
+    check_max_pixels(arguments.max_pixels)
+    if bool(arguments.files) == (arguments.corners is not None):
+        raise UsageError("pass pictures of the board, with --board, or --corners FILE.csv, with --image-size")
+    names, views, size = _from_table(arguments) if arguments.corners is not None else _from_pictures(arguments)
+    from jaxlens.fitting import Boards, calibrate
+
+    with fitting():
+        boards = Boards.from_views(views)
+        fit = calibrate(starting_lens(arguments), boards, size, loss=arguments.loss)
+        figures = None
+        if arguments.plots is not None:
+            import numpy as np
+
+            from jaxlens.experiments.figures.fits import curve_figure, residual_figure, views_figure
+
+            assert fit.frame is not None
+            assert fit.per_view_rms is not None
+            seen = np.asarray(boards.weights) > 0
+            observed = np.asarray(boards.observed)[seen]
+            figures = {
+                "residuals": residual_figure(observed, np.asarray(fit.residuals)[seen], fit, "pixels"),
+                "views": views_figure(names, np.asarray(fit.per_view_rms)),
+                "curve": curve_figure(fit, np.asarray(fit.lens.invert(fit.frame.normalize(observed)).points), "pixels"),
+            }
+        deliver(arguments, fit, size, figures)
+    return 0
+
+
+def _from_table(arguments: Arguments) -> tuple[list[str], list, tuple[int, int]]:
+    """The views of a CSV file, in the order of their numbers."""
+    assert arguments.corners is not None
+    check_file(arguments.corners)
+    if arguments.image_size is None:
+        raise UsageError("--corners needs --image-size WIDTHxHEIGHT: a table does not say how large its pictures are")
+    size = parse_size(arguments.image_size, "--image-size")
+    from jaxlens.cli.tables import read_columns
+
+    columns = read_columns(arguments.corners, ("view", "corner", "board_x", "board_y", "x", "y"))
+    import numpy as np
+
+    view, corner = np.asarray(columns["view"]), np.asarray(columns["corner"])
+    board = np.stack([columns["board_x"], columns["board_y"]], axis=-1)
+    seen = np.stack([columns["x"], columns["y"]], axis=-1)
+    _check_corners(str(arguments.corners), columns[""], view, corner, board)
+    numbers = np.unique(view)
+    return [f"{one:g}" for one in numbers], [(board[view == one], seen[view == one]) for one in numbers], size
+
+
+def _check_corners(
+    name: str, lines: list[float], view: "np.ndarray", corner: "np.ndarray", board: "np.ndarray"
+) -> None:
+    """Refuses a corner that is at two places of the board, or twice in a view."""
+    places: dict[float, tuple[int, tuple[float, float]]] = {}
+    seen: dict[tuple[float, float], int] = {}
+    for index, (one, which) in enumerate(zip(view.tolist(), corner.tolist(), strict=True)):
+        here, line = (float(board[index, 0]), float(board[index, 1])), int(lines[index])
+        before, place = places.setdefault(which, (line, here))
+        if place != here:
+            raise UsageError(
+                f"{name!r}, line {line}: corner {which:g} is at {here} of the board, and in line {before} at {place}: "
+                "the views show boards of different size"
+            )
+        earlier = seen.setdefault((one, which), line)
+        if earlier != line:
+            raise UsageError(f"{name!r}, line {line}: corner {which:g} of view {one:g} is in line {earlier} already")
+
+
+def _from_pictures(arguments: Arguments) -> tuple[list[str], list, tuple[int, int]]:
+    """The views of pictures in which the board is found."""
+    if arguments.board is None:
+        raise UsageError("--board COLUMNSxROWS is needed: how many inner corners the board has, such as 9x6")
+    if arguments.image_size is not None:
+        raise UsageError("--image-size goes with --corners; pictures have a size of their own: leave it out")
+    if not 0 < arguments.square < math.inf:
+        raise UsageError(f"--square is a length above 0, got {arguments.square}")
+    board = parse_size(arguments.board, "--board")
+    if min(board) < 3:
+        raise UsageError(f"--board counts inner corners, three a side at least; got {arguments.board}")
+    from jaxlens.cli.chessboards import board_points, find_corners
+
+    names, views, size = [], [], None
+    for path in arguments.files:
+        check_file(path)
+    for path in arguments.files:
+        from jaxlens.cli.pictures import read_picture
+
+        pixels = read_picture(path, arguments.max_pixels).pixels
+        here = (pixels.shape[1], pixels.shape[0])
+        if size is not None and here != size:
+            raise CommandError(
+                f"{str(path)!r} is {here[0]} × {here[1]}, and {str(arguments.files[0])!r} {size[0]} × {size[1]}: one "
+                "camera takes pictures of one size; calibrate them apart"
+            )
+        size = here
+        corners = find_corners(pixels, board)
+        if corners is None:
+            say(f"no board of {board[0]} × {board[1]} inner corners in {str(path)!r}: left out")
+            continue
+        names.append(path.name)
+        views.append((board_points(board, arguments.square), corners))
+    if size is None or not views:
+        raise CommandError(
+            f"none of the {len(arguments.files)} pictures shows a board; is --board {arguments.board} right?"
+        )
+    return names, views, size

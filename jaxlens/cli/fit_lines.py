@@ -1,0 +1,69 @@
+"""`jaxlens fit lines`: a lens from lines that ought to be straight."""
+
+# Optional[X] for the same reason as in `jaxlens.cli.options`.
+# ruff: noqa: UP045
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Optional
+
+from tyro.conf import Positional, arg
+
+from jaxlens.cli.fits import FitArguments, check_fit_arguments, deliver, fitting, parse_size, starting_lens
+from jaxlens.cli.options import check_file
+
+HELP = """Find the lens that makes lines straight again.
+
+What it does:
+  Reads a CSV file with the columns line, x, y: points, and the number of the
+  line that each is on, in any order. With --image-size they are pixels, in
+  Eq. 10's frame; without, normalized coordinates.
+
+Examples:
+  jaxlens fit lines lines.csv --image-size 640x480 --fit-center
+  jaxlens fit lines lines.csv --image-size 640x480 --model division -o lens.json"""
+
+
+@dataclass(frozen=True)
+class Arguments(FitArguments):
+    """Find the lens that makes lines straight again."""
+
+    file: Annotated[Path, Positional, arg(metavar="FILE.csv", help_behavior_hint="")]
+    """The points on lines."""
+
+    image_size: Annotated[Optional[str], arg(metavar="WIDTHxHEIGHT", help_behavior_hint="")] = None
+    """The points are pixels of pictures of this size."""
+
+    fit_center: Annotated[bool, arg(help_behavior_hint="")] = False
+    """Fit the lens's centre of distortion, too."""
+
+
+def run(arguments: Arguments) -> int:
+    """Runs the command; returns the exit code."""
+    check_fit_arguments(arguments)
+    check_file(arguments.file)
+    size = None if arguments.image_size is None else parse_size(arguments.image_size, "--image-size")
+    from jaxlens.cli.tables import read_columns
+
+    columns = read_columns(arguments.file, ("line", "x", "y"))
+    import numpy as np
+
+    from jaxlens.fitting import fit_lines
+    from jaxlens.frames import Frame
+
+    with fitting():
+        number, points = np.asarray(columns["line"]), np.stack([columns["x"], columns["y"]], axis=-1)
+        lines = [points[number == one] for one in np.unique(number)]
+        frame = Frame([0.0, 0.0], 1.0) if size is None else Frame.half_diagonal(size[1], size[0])
+        fit = fit_lines(starting_lens(arguments), lines, frame=frame, center=arguments.fit_center, loss=arguments.loss)
+        figures = None
+        if arguments.plots is not None:
+            from jaxlens.experiments.figures.fits import curve_figure, lines_figure
+
+            unit = "normalized units" if size is None else "pixels"
+            figures = {
+                "lines": lines_figure(lines, np.asarray(fit.residuals), fit, unit),
+                "curve": curve_figure(fit, np.asarray(frame.normalize(points)), unit),
+            }
+        deliver(arguments, fit, size, figures)
+    return 0

@@ -1,0 +1,82 @@
+"""`jaxlens fit points`: a lens from correspondences."""
+
+# Optional[X] for the same reason as in `jaxlens.cli.options`.
+# ruff: noqa: UP045
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Optional
+
+from tyro.conf import Positional, arg
+
+from jaxlens.cli.fits import FitArguments, check_fit_arguments, deliver, fitting, parse_size, starting_lens
+from jaxlens.cli.options import check_file
+
+HELP = """Find the lens that takes ideal points to observed ones.
+
+What it does:
+  Reads a CSV file with the columns ideal_x, ideal_y, observed_x, observed_y
+  and, if there is one, weight (an inverse variance). With --image-size they
+  are pixels, in Eq. 10's frame; without, normalized coordinates. Prints the
+  coefficients with their standard errors.
+
+Examples:
+  jaxlens fit points points.csv --image-size 640x480 --output lens.json
+  jaxlens fit points points.csv --terms 3 --fit-center --loss cauchy --plots fit/"""
+
+
+@dataclass(frozen=True)
+class Arguments(FitArguments):
+    """Find the lens that takes ideal points to observed ones."""
+
+    file: Annotated[Path, Positional, arg(metavar="FILE.csv", help_behavior_hint="")]
+    """The correspondences."""
+
+    image_size: Annotated[Optional[str], arg(metavar="WIDTHxHEIGHT", help_behavior_hint="")] = None
+    """The points are pixels of pictures of this size."""
+
+    fit_center: Annotated[bool, arg(help_behavior_hint="")] = False
+    """Fit the lens's centre of distortion, too."""
+
+    fit_scale: Annotated[bool, arg(help_behavior_hint="")] = False
+    """Fit one factor on the size of the observed points, too."""
+
+
+def run(arguments: Arguments) -> int:
+    """Runs the command; returns the exit code."""
+    check_fit_arguments(arguments)
+    check_file(arguments.file)
+    size = None if arguments.image_size is None else parse_size(arguments.image_size, "--image-size")
+    from jaxlens.cli.tables import read_columns
+
+    columns = read_columns(arguments.file, ("ideal_x", "ideal_y", "observed_x", "observed_y"), optional=("weight",))
+    import numpy as np
+
+    from jaxlens.fitting import fit_points
+    from jaxlens.frames import Frame
+
+    with fitting():
+        ideal = np.stack([columns["ideal_x"], columns["ideal_y"]], axis=-1)
+        observed = np.stack([columns["observed_x"], columns["observed_y"]], axis=-1)
+        frame = Frame([0.0, 0.0], 1.0) if size is None else Frame.half_diagonal(size[1], size[0])
+        fit = fit_points(
+            starting_lens(arguments),
+            frame.normalize(ideal),
+            observed,
+            frame=frame,
+            weights=np.asarray(columns["weight"]) if "weight" in columns else None,
+            center=arguments.fit_center,
+            scale=arguments.fit_scale,
+            loss=arguments.loss,
+        )
+        figures = None
+        if arguments.plots is not None:
+            from jaxlens.experiments.figures.fits import curve_figure, residual_figure
+
+            unit = "normalized units" if size is None else "pixels"
+            figures = {
+                "residuals": residual_figure(observed, np.asarray(fit.residuals), fit, unit),
+                "curve": curve_figure(fit, np.asarray(frame.normalize(ideal)), unit),
+            }
+        deliver(arguments, fit, size, figures)
+    return 0

@@ -1,0 +1,158 @@
+"""What the fitting commands share: which lens to fit, how, and where the result goes."""
+
+# Optional[X] for the same reason as in `jaxlens.cli.options`.
+# ruff: noqa: UP045
+
+import contextlib
+import sys
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal, Optional
+
+from tyro.conf import arg
+
+from jaxlens.cli.errors import CommandError, UsageError
+from jaxlens.cli.messages import say
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from jaxlens.fitting import Fit
+    from jaxlens.lenses import Lens
+
+Model = Literal["radial", "division", "brown-conrady"]
+Loss = Literal["linear", "huber", "cauchy"]
+
+_TERMS: dict[str, tuple[int, ...]] = {
+    "radial": (2, 1, 3, 4, 5, 6, 7, 8),
+    "division": (1,),
+    "brown-conrady": (5, 4, 8),
+}
+"""How many coefficients a model can have, the usual number first."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitArguments:
+    """How to fit, and where the result goes."""
+
+    model: Model = "radial"
+    """The lens: 1 + κ1 r² + κ2 r⁴ + …, the division model, or OpenCV's k1 k2 p1 p2 k3 ..."""
+
+    terms: Annotated[Optional[int], arg(metavar="N", help_behavior_hint="(default: radial 2, brown-conrady 5)")] = None
+    """How many coefficients it has."""
+
+    loss: Loss = "linear"
+    """huber or cauchy where some of the data are wrong."""
+
+    output: Annotated[Optional[Path], arg(metavar="LENS.json", aliases=["-o"], help_behavior_hint="")] = None
+    """Write the lens, with its covariance, for --lens of distort and undistort."""
+
+    plots: Annotated[Optional[Path], arg(metavar="DIR", help_behavior_hint="")] = None
+    """Draw the fit into this folder, which is made if need be."""
+
+    overwrite: Annotated[bool, arg(help_behavior_hint="")] = False
+    """Replace files that exist."""
+
+
+def check_fit_arguments(arguments: FitArguments) -> None:
+    """Refuses what no data could be fitted with, before anything is read.
+
+    Raises:
+        UsageError: an option's value is out of bounds, or a file is in the way.
+    """
+    allowed = _TERMS[arguments.model]
+    if arguments.terms is not None and arguments.terms not in allowed:
+        listed = ", ".join(str(count) for count in sorted(set(allowed)))
+        raise UsageError(f"--terms of the {arguments.model} lens can be {listed}; got {arguments.terms}")
+    if arguments.output is not None:
+        if arguments.output.is_dir():
+            raise UsageError(f"--output {str(arguments.output)!r} is a folder; name a file, such as lens.json")
+        if not arguments.output.parent.is_dir():
+            raise UsageError(f"--output: there is no folder {str(arguments.output.parent)!r}; make it first")
+        if arguments.output.exists() and not arguments.overwrite:
+            raise UsageError(f"--output {str(arguments.output)!r} exists; pass --overwrite to replace it")
+    if arguments.plots is not None and arguments.plots.exists() and not arguments.plots.is_dir():
+        raise UsageError(f"--plots {str(arguments.plots)!r} is a file; name a folder")
+
+
+def parse_size(text: str, option: str) -> tuple[int, int]:
+    """Reads two counts as in `640x480`.
+
+    Raises:
+        UsageError: it is not that.
+    """
+    parts = text.lower().replace("×", "x").split("x")
+    if len(parts) == 2 and all(part.strip().isdecimal() and int(part) > 0 for part in parts):
+        return int(parts[0]), int(parts[1])
+    raise UsageError(f"{option} is two counts with an x between, such as 640x480; got {text!r}")
+
+
+def starting_lens(arguments: FitArguments) -> "Lens":
+    """Returns the lens without distortion to start from."""
+    from jaxlens.lenses import BrownConrady, Division, RadialPolynomial
+
+    terms = _TERMS[arguments.model][0] if arguments.terms is None else arguments.terms
+    if arguments.model == "division":
+        return Division(0.0)
+    return (RadialPolynomial if arguments.model == "radial" else BrownConrady)([0.0] * terms)
+
+
+@contextlib.contextmanager
+def fitting() -> Iterator[None]:
+    """Fits in double precision; what a fit refuses becomes a message, and what it warns of is in its summary.
+
+    Raises:
+        CommandError: the fit failed, or the data cannot be fitted.
+    """
+    import jax
+
+    from rich.console import Console
+
+    from jaxlens.fitting import FitError, FitWarning
+
+    # Seconds of compilation come first: on a terminal there is something to see meanwhile.
+    waiting = Console(stderr=True).status("fitting …") if sys.stderr.isatty() else contextlib.nullcontext()
+    with waiting, jax.enable_x64(True), warnings.catch_warnings():
+        warnings.simplefilter("ignore", FitWarning)
+        try:
+            yield
+        except (FitError, ValueError) as error:
+            raise CommandError(f"cannot fit: {error}".replace("by `free`", "by a smaller --terms")) from error
+
+
+def deliver(
+    arguments: FitArguments, fit: "Fit", image_size: tuple[int, int] | None, figures: "dict[str, Figure] | None" = None
+) -> None:
+    """Prints the summary, writes the calibration and the figures.
+
+    Raises:
+        CommandError: something cannot be written.
+    """
+    print(fit.summary())  # noqa: T201
+    if arguments.output is not None:
+        from jaxlens.cli.calibrations import save_fit
+
+        save_fit(arguments.output, fit, image_size, overwrite=arguments.overwrite)
+        say(f"wrote {str(arguments.output)!r}")
+    if arguments.plots is not None:
+        _write_figures(arguments, figures or {})
+
+
+def _write_figures(arguments: FitArguments, figures: "dict[str, Figure]") -> None:
+    from jaxlens.experiments.figures.style import save, style
+
+    folder = arguments.plots
+    assert folder is not None
+    try:
+        folder.mkdir(exist_ok=True)
+        taken = [name for name in figures if (folder / f"{name}.png").exists()]
+        if taken and not arguments.overwrite:
+            raise CommandError(f"{str(folder / (taken[0] + '.png'))!r} exists; pass --overwrite to replace it")
+        with style():
+            for name, figure in figures.items():
+                save(figure, folder, name)
+    except OSError as error:
+        raise CommandError(f"cannot write into {str(folder)!r}: {error.strerror}") from error
+    say(f"drew {', '.join(f'{name}.png' for name in figures)} in {str(folder)!r}")
