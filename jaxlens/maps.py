@@ -85,8 +85,8 @@ class CoordinateMap(eqx.Module):
         """Finds the preimages of points by a two-dimensional Newton iteration that never crosses a fold.
 
         Args:
-            points: `(..., 2)`; the iteration starts at the points themselves, so the map should be a deformation
-                of the identity.
+            points: `(..., 2)`; the iteration starts at the points themselves, unless a map knows better, so the
+                map should be a deformation of the identity.
 
         Returns:
             An `Inverse`. Its points have derivatives of every order with respect to `points` and the map's
@@ -95,12 +95,17 @@ class CoordinateMap(eqx.Module):
         points = as_points(points)
         finite = jnp.all(jnp.isfinite(points), axis=-1)
         target = jnp.where(finite[..., None], points, 0)
-        root, converged = solve_plane(lax.stop_gradient(self).__call__, target, target)
+        fixed = lax.stop_gradient(self)
+        root, converged = solve_plane(fixed.__call__, target, fixed.first_guess(target))
         solution = implicit_plane_root(_plane_residual, root, (self, target))
         solution = jnp.where(converged[..., None], solution, root)
         # A stalled iteration stands at a fold: the map there is at the edge of its range.
         status = inverse_status(finite, converged, converged)
         return Inverse(solution, status == InverseStatus.CONVERGED, status)
+
+    def first_guess(self, points: Float[Array, "*batch 2"]) -> Float[Array, "*batch 2"]:
+        """Returns where `invert` starts: points where the map keeps orientation, on this side of every fold."""
+        return points
 
     def preimages(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2"]:
         """Returns the points of `invert`, NaN where they are not valid."""

@@ -6,7 +6,7 @@
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Optional
+from typing import Annotated, Optional
 
 from tyro.conf import Positional, arg
 
@@ -15,9 +15,6 @@ from jaxlens.cli.fits import FitArguments, Model, check_fit_arguments, deliver, 
 from jaxlens.cli.messages import say
 from jaxlens.cli.options import check_file, check_max_pixels
 from jaxlens.cli.values import Paths, paths
-
-if TYPE_CHECKING:
-    import numpy as np
 
 HELP = """Calibrate a camera: its matrix, its lens and the poses of a board.
 
@@ -96,36 +93,13 @@ def _from_table(arguments: Arguments) -> tuple[list[str], list, tuple[int, int]]
     if arguments.image_size is None:
         raise UsageError("--corners needs --image-size WIDTHxHEIGHT: a table does not say how large its pictures are")
     size = parse_size(arguments.image_size, "--image-size")
-    from jaxlens.cli.tables import read_columns
+    from jaxlens.calibrations import CalibrationError, read_corners
 
-    columns = read_columns(arguments.corners, ("view", "corner", "board_x", "board_y", "x", "y"))
-    import numpy as np
-
-    view, corner = np.asarray(columns["view"]), np.asarray(columns["corner"])
-    board = np.stack([columns["board_x"], columns["board_y"]], axis=-1)
-    seen = np.stack([columns["x"], columns["y"]], axis=-1)
-    _check_corners(str(arguments.corners), columns[""], view, corner, board)
-    numbers = np.unique(view)
-    return [f"{one:g}" for one in numbers], [(board[view == one], seen[view == one]) for one in numbers], size
-
-
-def _check_corners(
-    name: str, lines: list[float], view: "np.ndarray", corner: "np.ndarray", board: "np.ndarray"
-) -> None:
-    """Refuses a corner that is at two places of the board, or twice in a view."""
-    places: dict[float, tuple[int, tuple[float, float]]] = {}
-    seen: dict[tuple[float, float], int] = {}
-    for index, (one, which) in enumerate(zip(view.tolist(), corner.tolist(), strict=True)):
-        here, line = (float(board[index, 0]), float(board[index, 1])), int(lines[index])
-        before, place = places.setdefault(which, (line, here))
-        if place != here:
-            raise UsageError(
-                f"{name!r}, line {line}: corner {which:g} is at {here} of the board, and in line {before} at {place}: "
-                "the views show boards of different size"
-            )
-        earlier = seen.setdefault((one, which), line)
-        if earlier != line:
-            raise UsageError(f"{name!r}, line {line}: corner {which:g} of view {one:g} is in line {earlier} already")
+    try:
+        names, views = read_corners(arguments.corners)
+    except CalibrationError as error:
+        raise UsageError(str(error)) from error
+    return names, views, size
 
 
 def _from_pictures(arguments: Arguments) -> tuple[list[str], list, tuple[int, int]]:

@@ -9,7 +9,15 @@ from typing import Annotated, Optional
 
 from tyro.conf import Positional, arg
 
-from jaxlens.cli.fits import FitArguments, check_fit_arguments, deliver, fitting, parse_size, starting_lens
+from jaxlens.cli.fits import (
+    FitArguments,
+    check_fit_arguments,
+    deliver,
+    fitting,
+    load_columns,
+    parse_size,
+    starting_lens,
+)
 from jaxlens.cli.options import check_file
 
 HELP = """Find the lens that makes lines straight again.
@@ -43,9 +51,7 @@ def run(arguments: Arguments) -> int:
     check_fit_arguments(arguments)
     check_file(arguments.file)
     size = None if arguments.image_size is None else parse_size(arguments.image_size, "--image-size")
-    from jaxlens.cli.tables import read_columns
-
-    columns = read_columns(arguments.file, ("line", "x", "y"))
+    columns = load_columns(arguments.file, ("line", "x", "y"))
     import numpy as np
 
     from jaxlens.fitting import fit_lines

@@ -9,7 +9,15 @@ from typing import Annotated, Optional
 
 from tyro.conf import Positional, arg
 
-from jaxlens.cli.fits import FitArguments, check_fit_arguments, deliver, fitting, parse_size, starting_lens
+from jaxlens.cli.fits import (
+    FitArguments,
+    check_fit_arguments,
+    deliver,
+    fitting,
+    load_columns,
+    parse_size,
+    starting_lens,
+)
 from jaxlens.cli.options import check_file
 
 HELP = """Find the lens that takes ideal points to observed ones.
@@ -47,9 +55,7 @@ def run(arguments: Arguments) -> int:
     check_fit_arguments(arguments)
     check_file(arguments.file)
     size = None if arguments.image_size is None else parse_size(arguments.image_size, "--image-size")
-    from jaxlens.cli.tables import read_columns
-
-    columns = read_columns(arguments.file, ("ideal_x", "ideal_y", "observed_x", "observed_y"), optional=("weight",))
+    columns = load_columns(arguments.file, ("ideal_x", "ideal_y", "observed_x", "observed_y"), optional=("weight",))
     import numpy as np
 
     from jaxlens.fitting import fit_points

@@ -6,7 +6,7 @@
 import contextlib
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, Optional
@@ -89,6 +89,20 @@ def parse_size(text: str, option: str) -> tuple[int, int]:
     raise UsageError(f"{option} is two counts with an x between, such as 640x480; got {text!r}")
 
 
+def load_columns(path: Path, required: Sequence[str], *, optional: Sequence[str] = ()) -> dict[str, list[float]]:
+    """Reads columns of numbers from a CSV file.
+
+    Raises:
+        UsageError: as `jaxlens.columns.read_columns`.
+    """
+    from jaxlens.columns import ColumnsError, read_columns
+
+    try:
+        return read_columns(path, required, optional=optional)
+    except ColumnsError as error:
+        raise UsageError(str(error)) from error
+
+
 def starting_lens(arguments: FitArguments) -> "Lens":
     """Returns the lens without distortion to start from."""
     from jaxlens.lenses import BrownConrady, Division, RadialPolynomial
@@ -107,7 +121,6 @@ def fitting() -> Iterator[None]:
         CommandError: the fit failed, or the data cannot be fitted.
     """
     import jax
-
     from rich.console import Console
 
     from jaxlens.fitting import FitError, FitWarning

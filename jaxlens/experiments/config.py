@@ -17,7 +17,14 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from jaxlens.experiments.errors import ConfigError
-from jaxlens.experiments.schema import KINDS, Experiment, GridsExperiment, Image, ReadingsExperiment
+from jaxlens.experiments.schema import (
+    KINDS,
+    BoardsExperiment,
+    Experiment,
+    GridsExperiment,
+    Image,
+    ReadingsExperiment,
+)
 
 _LONGEST_VALUE = 60
 
@@ -59,6 +66,8 @@ class Configuration:
         experiment, path = self.experiment, Path(path)
         if isinstance(experiment, GridsExperiment):
             raise ConfigError(f"{self.path}: kind = 'grids' draws its own lines; leave the image out")
+        if isinstance(experiment, BoardsExperiment):
+            raise ConfigError(f"{self.path}: kind = 'boards' is about corners, not a picture; leave the image out")
         old = experiment.images[0] if isinstance(experiment, ReadingsExperiment) else experiment.image
         if not path.is_file():
             raise ConfigError(f"image: got {_show(str(path))}; there is no such picture file")
@@ -113,6 +122,13 @@ def _parse(document: dict[str, Any], path: Path) -> Experiment:
 def _check_files(configuration: Configuration) -> None:
     experiment = configuration.experiment
     if isinstance(experiment, GridsExperiment):
+        return
+    if isinstance(experiment, BoardsExperiment):
+        if not (configuration.path.parent / experiment.corners).is_file():
+            raise ConfigError(
+                f"{configuration.path}: corners: got {_show(experiment.corners)}; there is no such CSV file "
+                "(a relative path is taken from the configuration's folder)"
+            )
         return
     several = isinstance(experiment, ReadingsExperiment)
     for index, image in enumerate(experiment.images if several else [experiment.image]):

@@ -221,10 +221,83 @@ class PanelsExperiment(_Experiment):
     warp: Warp = Warp()
 
 
-Experiment = SweepExperiment | ReadingsExperiment | GridsExperiment | PanelsExperiment
+Noise = Annotated[list[Annotated[float, Field(ge=0)]], Field(min_length=1)]
+
+
+class InversionExperiment(_Experiment):
+    """Lenses recovered from what they did: from points, and from pairs of pictures, under noise.
+
+    Attributes:
+        image: The undistorted image.
+        kappa: The lenses, all of the same order.
+        picture_noise: Standard deviations of the noise of gray values, as shares of the peak.
+        picture_seeds: Distorted pictures of each lens and noise level.
+        gain: Of the distorted picture's gray values, unknown to the fit.
+        offset: Likewise, as a share of the peak.
+        point_noise: Standard deviations of the noise of a coordinate, in pixels.
+        point_seeds: Sets of points of each lens and noise level.
+        points: In a set, spread evenly over the distorted picture.
+    """
+
+    kind: Literal["inversion"]
+    image: Image
+    kappa: list[Kappa] = Field(min_length=1, max_length=7)
+    picture_noise: Noise
+    picture_seeds: int = Field(default=5, ge=2, le=1000)
+    gain: float = Field(default=0.9, gt=0)
+    offset: float = 0.05
+    point_noise: Noise
+    point_seeds: int = Field(default=200, ge=2, le=10000)
+    points: int = Field(default=200, ge=4, le=100_000)
+
+    @model_validator(mode="after")
+    def _check(self) -> "InversionExperiment":
+        if len({len(one) for one in self.kappa}) > 1:
+            raise ValueError("'kappa' must hold vectors of one length")
+        return self
+
+
+class BoardModel(_Table):
+    """A lens to calibrate with.
+
+    Attributes:
+        name: What the table calls it.
+        terms: Coefficients of the Brown–Conrady lens: 4, 5 or 8.
+        fixed: Parameters that stay zero.
+        reference_rms: The RMS that other software reports on the same corners, if known.
+    """
+
+    name: str
+    terms: Literal[4, 5, 8]
+    fixed: list[str] = []
+    reference_rms: float | None = None
+
+
+class BoardsExperiment(_Experiment):
+    """A camera calibrated from corners of a board, with several lenses, and tried on views held out.
+
+    Attributes:
+        corners: A CSV file of corners, relative to the configuration (see `jaxlens calibrate --corners`).
+        image_size: Width and height of the pictures.
+        models: The lenses.
+        held_out: Every so manieth view is held out, in turn, to be judged by the others.
+    """
+
+    kind: Literal["boards"]
+    corners: str
+    image_size: Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=2, max_length=2)]
+    models: list[BoardModel] = Field(min_length=1, max_length=7)
+    held_out: int = Field(default=4, ge=2)
+
+
+Experiment = (
+    SweepExperiment | ReadingsExperiment | GridsExperiment | PanelsExperiment | InversionExperiment | BoardsExperiment
+)
 KINDS: dict[str, type[Experiment]] = {
     "sweep": SweepExperiment,
     "readings": ReadingsExperiment,
     "grids": GridsExperiment,
     "panels": PanelsExperiment,
+    "inversion": InversionExperiment,
+    "boards": BoardsExperiment,
 }

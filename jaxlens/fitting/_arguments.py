@@ -27,10 +27,12 @@ def common_dtype(*trees: PyTree) -> jnp.dtype:
     return jnp.result_type(*[dtype for dtype in dtypes if jnp.issubdtype(dtype, jnp.floating)], jnp.float32)
 
 
-def check_loss(loss: str) -> None:
-    """Raises `ValueError` for a loss that is none."""
+def check_loss(loss: str, loss_scale: ArrayLike | None) -> None:
+    """Raises `ValueError` for a loss that is none, or a scale at which it cannot bend."""
     if loss not in get_args(Loss):
         raise ValueError(f"loss must be one of {', '.join(get_args(Loss))}, got {loss!r}")
+    if loss_scale is not None and is_concrete(loss_scale) and not 0 < float(jnp.asarray(loss_scale)) < np.inf:
+        raise ValueError(f"loss_scale must be a finite number above 0, got {loss_scale}")
 
 
 def as_weights(weights: ArrayLike | None, shape: tuple[int, ...]) -> Array | np.ndarray:

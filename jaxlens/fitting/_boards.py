@@ -165,7 +165,7 @@ def calibrate(
         ValueError: too few views or corners, or what does not fit.
         FitError: `throw`, and no result worth having; parallel boards are `RANK_DEFICIENT`.
     """
-    check_loss(loss)
+    check_loss(loss, loss_scale)
     boards = boards if isinstance(boards, Boards) else Boards.from_views(boards)
     width, height = image_size
     views = boards.observed.shape[0]

@@ -102,7 +102,8 @@ def fit_images(
         center: Fit the lens's centre of distortion, too.
         search: Look for the start by a grid over the first two coefficients; otherwise start at `lens`.
         bounds: As in `fit_points`; `gain` and `offset` are parameters, too.
-        loss: `linear` for noise; `huber` or `cauchy` where parts of the picture are covered by something else.
+        loss: `linear` for noise; `huber` or `cauchy` where parts of the picture are covered by something else (which
+            still draws gain and offset a little).
         loss_scale: As in `fit_points`, in gray values.
         max_steps: Steps of the solver at each level, in each round.
         throw: As in `fit_points`.
@@ -124,7 +125,7 @@ def fit_images(
         >>> round(float(fit.lens.k), 3)
         0.3
     """
-    check_loss(loss)
+    check_loss(loss, loss_scale)
     source, distorted = jnp.asarray(source), jnp.asarray(distorted)
     for name, image in (("source", source), ("distorted", distorted)):
         _check_image(name, image)

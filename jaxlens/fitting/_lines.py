@@ -102,7 +102,8 @@ def fit_lines(
         free: As in `fit_points`.
         center: Fit the lens's centre of distortion, too.
         bounds: As in `fit_points`.
-        loss: As in `fit_points`.
+        loss: As in `fit_points`. A point that is far off tilts its whole line, whatever the loss: leave gross outliers
+            out, for with them the standard errors are too small.
         loss_scale: As in `fit_points`.
         max_steps: As in `fit_points`.
         throw: As in `fit_points`.
@@ -116,7 +117,7 @@ def fit_lines(
         ValueError: lines of fewer than three points, points that are not finite, fewer points than parameters.
         FitError: `throw`, and no result worth having.
     """
-    check_loss(loss)
+    check_loss(loss, loss_scale)
     points, weights = _padded(lines, weights)
     mask = everything_but_the_center(lens) if free is None else free
     choice = choose(lens, with_center(mask, lens) if center else mask)
@@ -144,6 +145,7 @@ def _fit(choice: Choice, lens, frame, points, weights, bounds, loss_scale, *, lo
     used = weights > 0
     filler = jnp.take_along_axis(points, jnp.argmax(used, axis=1)[:, None, None], axis=1)
     points = jnp.where(used[..., None], points, filler)
+    broken = ~jnp.all(jnp.isfinite(points))
     problem = _Lines(
         selection=Selection(lens, choice),
         frame=frame,
@@ -156,6 +158,7 @@ def _fit(choice: Choice, lens, frame, points, weights, bounds, loss_scale, *, lo
     known = assess(problem, minimum, loss, _LINE * points.shape[0])
     lens = problem.selection.insert(minimum.unknowns.shared)
     blind = _blind(problem, minimum.unknowns)
+    status = jnp.where(blind & (known.status <= FitStatus.DIVERGED), FitStatus.RANK_DEFICIENT, known.status)
     return Fit(
         lens=lens,
         frame=frame,
@@ -171,7 +174,7 @@ def _fit(choice: Choice, lens, frame, points, weights, bounds, loss_scale, *, lo
         per_view_rms=None,
         degrees_of_freedom=known.degrees_of_freedom,
         loss_scale=minimum.loss_scale,
-        status=jnp.where(blind & (known.status <= FitStatus.DIVERGED), FitStatus.RANK_DEFICIENT, known.status),
+        status=jnp.where(broken, FitStatus.NOT_FINITE, status),
         steps=minimum.steps,
         folds=jnp.any(~lens.invert(frame.normalize(points)).valid & used),
     )

@@ -82,7 +82,8 @@ def choose(tree: PyTree, free: PyTree) -> Choice:
         flags = np.broadcast_to(mask, shape).ravel()
         names = _names(tree, path, shape)
         # A centre of distortion is named after the coefficients of its lens.
-        branch, late = str(path[0]) if len(path) > 1 else "", bool(names) and names[0].startswith("center")
+        branch = str(path[0]) if isinstance(path[0], DictKey) else ""
+        late = bool(names) and names[0].startswith("center")
         chosen += [(branch, late, begin + i, names[i]) for i in np.flatnonzero(flags).tolist()]
         begin += flags.size
     chosen.sort()

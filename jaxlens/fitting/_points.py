@@ -96,7 +96,7 @@ def fit_points(
         >>> [round(float(value), 3) for value in fit.lens.coefficients]
         [-0.2, 0.05]
     """
-    check_loss(loss)
+    check_loss(loss, loss_scale)
     ideal, observed = as_points(ideal), as_points(observed)
     if ideal.ndim != 2 or ideal.shape != observed.shape:
         raise ValueError(

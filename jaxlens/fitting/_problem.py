@@ -37,7 +37,8 @@ class Problem(eqx.Module):
 
     def weighted(self, unknowns: Unknowns) -> Float[Array, "blocks points components"]:
         """Returns the residuals of which each component has the same variance."""
-        return self.residuals(unknowns) * jnp.sqrt(self.weights)[..., None]
+        used = self.weights > 0
+        return self.residuals(unknowns) * jnp.where(used, jnp.sqrt(jnp.where(used, self.weights, 1)), 0)[..., None]
 
 
 class Minimum(eqx.Module):
@@ -78,6 +79,8 @@ def minimize(
     order, by the implicit function theorem at a fixed loss scale.
     """
     fixed, start = lax.stop_gradient((problem, start))
+    if bounds is not None:
+        start = Unknowns(jnp.clip(start.shared, *bounds), start.blocks)
     dtype = start.shared.dtype
     if loss == "linear" or loss_scale is not None:
         scale = jnp.asarray(jnp.inf if loss_scale is None or loss == "linear" else loss_scale, dtype)

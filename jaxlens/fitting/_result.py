@@ -86,23 +86,23 @@ class Fit(eqx.Module):
     folds: Bool[Array, ""]
 
     @property
-    def standard_errors(self) -> Float[Array, " parameters"]:
+    def standard_errors(self) -> Float[Array, "*batch parameters"]:
         """The square roots of the variances, one for each name."""
         return jnp.sqrt(jnp.diagonal(self.covariance, axis1=-2, axis2=-1))
 
     @property
-    def correlation(self) -> Float[Array, "parameters parameters"]:
+    def correlation(self) -> Float[Array, "*batch parameters parameters"]:
         """The correlations between the estimates."""
         errors = self.standard_errors
         return self.covariance / (errors[..., :, None] * errors[..., None, :])
 
     @property
-    def parameters(self) -> dict[str, Float[Array, ""]]:
+    def parameters(self) -> dict[str, Float[Array, "*batch"]]:
         """The fitted values by name."""
         return {name: self.values[..., i] for i, name in enumerate(self.names)}
 
     @property
-    def unidentified(self) -> Bool[Array, " parameters"]:
+    def unidentified(self) -> Bool[Array, "*batch parameters"]:
         """Which parameters are traded against others rather than measured: variance inflated over a million times."""
         return ~(self.inflation < IDENTIFIED)
 

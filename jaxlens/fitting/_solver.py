@@ -41,8 +41,8 @@ class Unknowns(eqx.Module):
         blocks: Parameters of which each row touches only its own row of the residuals; `(1, 0)` where there are none.
     """
 
-    shared: Float[Array, " shared"]
-    blocks: Float[Array, "blocks size"]
+    shared: Float[Array, "*batch shared"]
+    blocks: Float[Array, "*batch blocks size"]
 
     @classmethod
     def dense(cls, values: Float[Array, " shared"]) -> "Unknowns":
@@ -224,8 +224,9 @@ class NormalLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         small = regular & (damping < 1e-2) & nothing_left
         expected = -(_dot(normal_free.gradient, step) + 0.5 * normal_free.curvature(step))
         in_rounding = regular & ~accept & (expected <= 8 * eps * normal.loss)
-        done = small | in_rounding
-        hopeless = (damping > _LARGEST_DAMPING) | (first & ~accept)
+        started = ~(first & ~accept)
+        done = (small | in_rounding) & started
+        hopeless = (damping > _LARGEST_DAMPING) | ~started
         # A step too small to matter is taken unseen: there is nothing an evaluation could say against it.
         y = _where(small, candidate, y)
         state = _State(candidate, normal, damping, growth, done, hopeless & ~done, state.accepted + accept)

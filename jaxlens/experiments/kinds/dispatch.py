@@ -6,12 +6,20 @@ from rich.console import Console
 
 from jaxlens.experiments.config import Configuration
 from jaxlens.experiments.figures.style import style
+from jaxlens.experiments.kinds.boards import perform_boards
 from jaxlens.experiments.kinds.grids import perform_grids
+from jaxlens.experiments.kinds.inversion import perform_inversion
 from jaxlens.experiments.kinds.outcome import Outcome
 from jaxlens.experiments.kinds.panels import perform_panels
 from jaxlens.experiments.kinds.readings import perform_readings
 from jaxlens.experiments.kinds.sweeps import perform_sweep
-from jaxlens.experiments.schema import GridsExperiment, PanelsExperiment, ReadingsExperiment
+from jaxlens.experiments.schema import (
+    BoardsExperiment,
+    GridsExperiment,
+    InversionExperiment,
+    PanelsExperiment,
+    ReadingsExperiment,
+)
 
 
 def perform(configuration: Configuration, folder: Path, progress: Console) -> Outcome:
@@ -24,4 +32,8 @@ def perform(configuration: Configuration, folder: Path, progress: Console) -> Ou
             return perform_readings(configuration, experiment, folder, progress)
         if isinstance(experiment, PanelsExperiment):
             return perform_panels(configuration, experiment, folder, progress)
+        if isinstance(experiment, InversionExperiment):
+            return perform_inversion(configuration, experiment, folder, progress)
+        if isinstance(experiment, BoardsExperiment):
+            return perform_boards(configuration, experiment, folder, progress)
         return perform_sweep(configuration, experiment, folder, progress)

@@ -5,10 +5,12 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from jaxlens.cli.errors import UsageError
-
 # Rows beyond which a file is not a table of measured points.
 _MOST_ROWS = 5_000_000
+
+
+class ColumnsError(ValueError):
+    """A file that is no table of numbers; the message names file, line and column."""
 
 
 def read_columns(path: Path, required: Sequence[str], *, optional: Sequence[str] = ()) -> dict[str, list[float]]:
@@ -23,18 +25,18 @@ def read_columns(path: Path, required: Sequence[str], *, optional: Sequence[str]
         The columns that are there, all equally long and not empty. Under the key `""` stand the numbers of the lines.
 
     Raises:
-        UsageError: the file cannot be read, lacks a column, or holds what is no finite number.
+        ColumnsError: the file cannot be read, lacks a column, or holds what is no finite number.
     """
     name = repr(str(path))
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             return _read(name, csv.reader(file), required, optional)
     except UnicodeDecodeError as error:
-        raise UsageError(f"{name} is no CSV file in UTF-8: byte {error.start} of it is none") from error
+        raise ColumnsError(f"{name} is no CSV file in UTF-8: byte {error.start} of it is none") from error
     except csv.Error as error:
-        raise UsageError(f"{name} is no CSV file: {error}") from error
+        raise ColumnsError(f"{name} is no CSV file: {error}") from error
     except OSError as error:
-        raise UsageError(f"cannot read {name}: {error.strerror}") from error
+        raise ColumnsError(f"cannot read {name}: {error.strerror}") from error
 
 
 def _read(name: str, rows, required: Sequence[str], optional: Sequence[str]) -> dict[str, list[float]]:
@@ -42,27 +44,27 @@ def _read(name: str, rows, required: Sequence[str], optional: Sequence[str]) -> 
     missing = [column for column in required if column not in header]
     if missing:
         has = f"it has {', '.join(header)}" if any(header) else "it is empty"
-        raise UsageError(f"{name}, line 1: no column {', '.join(missing)}; {has}; needed are {', '.join(required)}")
+        raise ColumnsError(f"{name}, line 1: no column {', '.join(missing)}; {has}; needed are {', '.join(required)}")
     wanted = [column for column in (*required, *optional) if column in header]
     doubled = [column for column in wanted if header.count(column) > 1]
     if doubled:
-        raise UsageError(f"{name}, line 1: the column {doubled[0]} is there {header.count(doubled[0])} times")
+        raise ColumnsError(f"{name}, line 1: the column {doubled[0]} is there {header.count(doubled[0])} times")
     places = {column: header.index(column) for column in wanted}
     columns: dict[str, list[float]] = {column: [] for column in ("", *wanted)}
     for row in rows:
         if not any(cell.strip() for cell in row):
             continue
         if len(row) != len(header):
-            raise UsageError(
+            raise ColumnsError(
                 f"{name}, line {rows.line_num}: {len(row)} cells, where the first line names {len(header)}"
             )
         if len(columns[""]) == _MOST_ROWS:
-            raise UsageError(f"{name} has more than {_MOST_ROWS} rows")
-        columns[""].append(rows.line_num)
+            raise ColumnsError(f"{name} has more than {_MOST_ROWS} rows")
+        columns[""].append(float(rows.line_num))
         for column, place in places.items():
             columns[column].append(_number(name, rows.line_num, column, row[place]))
     if not columns[""]:
-        raise UsageError(f"{name} has no rows below its first line")
+        raise ColumnsError(f"{name} has no rows below its first line")
     return columns
 
 
@@ -70,7 +72,7 @@ def _number(name: str, line: int, column: str, text: str) -> float:
     try:
         value = float(text)
     except ValueError:
-        raise UsageError(f"{name}, line {line}: {column} is {text!r}, which is no number") from None
+        raise ColumnsError(f"{name}, line {line}: {column} is {text!r}, which is no number") from None
     if not math.isfinite(value):
-        raise UsageError(f"{name}, line {line}: {column} is {text!r}; leave out rows without a measured value")
+        raise ColumnsError(f"{name}, line {line}: {column} is {text!r}; leave out rows without a measured value")
     return value

@@ -1,0 +1,125 @@
+"""A camera calibrated with several lenses, and each judged on views that it has not seen."""
+
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+from rich.console import Console, RenderableType
+
+from jaxlens.calibrations import CalibrationError, read_corners
+from jaxlens.experiments.config import Configuration
+from jaxlens.experiments.errors import ExperimentError
+from jaxlens.experiments.figures.fits import curve_figure, residual_figure, views_figure
+from jaxlens.experiments.figures.style import save
+from jaxlens.experiments.kinds.outcome import Outcome, progress_bar
+from jaxlens.experiments.reports import plain_table
+from jaxlens.experiments.schema import BoardModel, BoardsExperiment
+from jaxlens.experiments.tables import Value, write_csv
+from jaxlens.files import file_sha256
+from jaxlens.fitting import Boards, Fit, calibrate, evaluate
+from jaxlens.lenses import BrownConrady
+
+
+def perform_boards(
+    configuration: Configuration, experiment: BoardsExperiment, folder: Path, progress: Console
+) -> Outcome:
+    """Carries out the experiment: `table.csv` has every parameter, `models.csv` what is left over.
+
+    Raises:
+        ExperimentError: the corners cannot be read.
+    """
+    path = configuration.path.parent / experiment.corners
+    try:
+        names, views = read_corners(path)
+    except CalibrationError as error:
+        raise ExperimentError(str(error)) from error
+    boards = Boards.from_views(views)
+    width, height = experiment.image_size
+    table: dict[str, list[Value]] = {name: [] for name in ("model", "parameter", "estimate", "standard_error")}
+    models: dict[str, list[Value]] = {
+        name: [] for name in ("model", "rms", "reference_rms", "held_out_rms", "not_identified", "folds")
+    }
+    fits: list[Fit] = []
+    with progress_bar(progress, experiment.name, len(experiment.models)) as advance:
+        for model in experiment.models:
+            fit = _calibrate(model, boards, (width, height))
+            fits.append(fit)
+            errors = np.asarray(fit.standard_errors)
+            for name, value, error in zip(fit.names, np.asarray(fit.values), errors, strict=True):
+                for column, entry in zip(table, (model.name, name, value, error), strict=True):
+                    table[column].append(entry)
+            weak = [name for name, flag in zip(fit.names, np.asarray(fit.unidentified), strict=True) if flag]
+            row = (
+                model.name,
+                float(fit.rms),
+                np.nan if model.reference_rms is None else model.reference_rms,
+                _held_out(model, boards, (width, height), experiment.held_out),
+                " ".join(weak) or "none",
+                "yes" if bool(fit.folds) else "no",
+            )
+            for column, entry in zip(models, row, strict=True):
+                models[column].append(entry)
+            advance(1)
+    write_csv(folder, table)
+    write_csv(folder, models, "models.csv")
+    _draw(fits[0], boards, names, folder)
+    facts = {"file": path.name, "sha256": file_sha256(path), "views": len(views)}
+    return Outcome([facts], {}, _report(experiment, fits, models))
+
+
+def _calibrate(model: BoardModel, boards: Boards, size: tuple[int, int]) -> Fit:
+    # What speaks against a fit is a column of the table.
+    import warnings
+
+    from jaxlens.fitting import FitWarning
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FitWarning)
+        return calibrate(BrownConrady([0.0] * model.terms), boards, size, fixed=model.fixed)
+
+
+def _held_out(model: BoardModel, boards: Boards, size: tuple[int, int], every: int) -> float:
+    """The RMS over all views, each judged by a calibration without it and those held out with it."""
+    views = np.arange(boards.observed.shape[0])
+    squares = count = 0.0
+    for turn in range(every):
+        out = views % every == turn
+        if not out.any():
+            continue
+        fit = _calibrate(model, boards.view(np.flatnonzero(~out)), size)
+        assert fit.frame is not None
+        judged = evaluate(fit.lens, fit.frame, boards.view(np.flatnonzero(out)))
+        seen = float(jnp.sum(boards.weights[np.flatnonzero(out)]))
+        squares, count = squares + float(judged.rms) ** 2 * seen, count + seen
+    return float(np.sqrt(squares / count))
+
+
+def _draw(fit: Fit, boards: Boards, names: list[str], folder: Path) -> None:
+    assert fit.frame is not None
+    seen = np.asarray(boards.weights) > 0
+    observed = np.asarray(boards.observed)[seen]
+    ideal = np.asarray(fit.lens.invert(fit.frame.normalize(observed)).points)
+    save(residual_figure(observed, np.asarray(fit.residuals)[seen], fit, "pixels"), folder, "residuals")
+    save(curve_figure(fit, ideal, "pixels"), folder, "curve", vector=True)
+    save(views_figure(names, np.asarray(fit.per_view_rms)), folder, "views", vector=True)
+
+
+def _report(experiment: BoardsExperiment, fits: list[Fit], models: dict[str, list[Value]]) -> list[RenderableType]:
+    header = ["model", "RMS, px", "elsewhere", "held out, px", "not identified", "folds in the picture"]
+    rows = [
+        [f"{cell:.7f}" if isinstance(cell, float) and np.isfinite(cell) else str(cell) for cell in row]
+        for row in zip(*models.values(), strict=True)
+    ]
+    parameters = [
+        [name, *("" if name not in fit.names else _estimate(fit, name) for fit in fits)]
+        for name in max((fit.names for fit in fits), key=len)
+    ]
+    return [
+        plain_table(experiment.title or experiment.name, header, rows),
+        plain_table("Estimates ± standard errors", ["", *(model.name for model in experiment.models)], parameters),
+    ]
+
+
+def _estimate(fit: Fit, name: str) -> str:
+    index = fit.names.index(name)
+    return f"{float(fit.values[index]):.5g} ± {float(fit.standard_errors[index]):.2g}"
