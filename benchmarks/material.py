@@ -35,3 +35,32 @@ def observed_points() -> tuple[np.ndarray, np.ndarray]:
     ideal = np.random.default_rng(0).uniform(-0.7, 0.7, (POINTS, 2))
     squared = np.sum(ideal * ideal, -1, keepdims=True)
     return ideal, ideal * (1 + squared * (KAPPA[0] + squared * KAPPA[1]))
+
+
+def correspondences(sets: int, points: int) -> tuple[np.ndarray, np.ndarray]:
+    """Returns `(sets, points, 2)` ideal and observed points of a lens with a centre of its own, noise of 1e-3."""
+    random = np.random.default_rng(1)
+    ideal = random.uniform(-0.7, 0.7, (sets, points, 2))
+    center = np.array([0.02, -0.01])
+    squared = np.sum((ideal - center) ** 2, -1, keepdims=True)
+    observed = center + (ideal - center) * (1 + squared * (KAPPA[0] + squared * KAPPA[1]))
+    return ideal, observed + 1e-3 * random.normal(size=ideal.shape)
+
+
+def boards(views: int) -> tuple[np.ndarray, np.ndarray]:
+    """Returns `(54, 2)` corners of a board, and `(views, 54, 2)` where a camera sees them, with noise of 0.2 px."""
+    random = np.random.default_rng(2)
+    board = np.stack(np.meshgrid(np.arange(9.0), np.arange(6.0)), -1).reshape(-1, 2)
+    seen = np.empty((views, len(board), 2))
+    for view in range(views):
+        tilt, turn = random.uniform(-0.5, 0.5, 2)
+        x, y = (board - [4.0, 2.5]).T
+        # About the board's x axis, then its y axis, then away from the camera.
+        y, z = np.cos(tilt) * y, np.sin(tilt) * y
+        x, z = np.cos(turn) * x + np.sin(turn) * z, np.cos(turn) * z - np.sin(turn) * x
+        left, up, away = random.uniform(-1, 1), random.uniform(-1, 1), random.uniform(10, 14)
+        x, y = (x + left) / (z + away), (y + up) / (z + away)
+        squared = x * x + y * y
+        factor = 1 + squared * (-0.28 + squared * (0.03 + squared * 0.1))
+        seen[view] = np.stack([530 * x * factor + 330, 530 * y * factor + 235], -1)
+    return board, seen + 0.2 * random.normal(size=seen.shape)

@@ -150,3 +150,46 @@ def _torch_peer(torch: Any, start: Callable[[], Any], device: str) -> Peer:
         return tensor
 
     return Peer(run, read=lambda tensor: tensor[0].permute(1, 2, 0).cpu().numpy(), device=device.upper())
+
+
+def scipy_fit(ideal: np.ndarray, observed: np.ndarray) -> Peer | None:
+    """`scipy.optimize.least_squares(method="lm")` for each set of points: three coefficients and the centre."""
+    if (optimize := load("scipy.optimize")) is None:
+        return None
+
+    def residuals(values: np.ndarray, ideal: np.ndarray, observed: np.ndarray) -> np.ndarray:
+        offset = ideal - values[3:]
+        squared = np.sum(offset * offset, -1, keepdims=True)
+        factor = 1 + squared * (values[0] + squared * (values[1] + squared * values[2]))
+        return (values[3:] + offset * factor - observed).ravel()
+
+    def jacobian(values: np.ndarray, ideal: np.ndarray, observed: np.ndarray) -> np.ndarray:
+        offset = ideal - values[3:]
+        squared = np.sum(offset * offset, -1, keepdims=True)
+        factor = 1 + squared * (values[0] + squared * (values[1] + squared * values[2]))
+        slope = values[0] + squared * (2 * values[1] + squared * 3 * values[2])
+        columns = np.empty((len(ideal), 2, 5))
+        for power in range(3):
+            columns[:, :, power] = offset * squared ** (power + 1)
+        for axis in range(2):
+            columns[:, :, 3 + axis] = -2 * offset * slope * offset[:, axis : axis + 1]
+            columns[:, axis, 3 + axis] += 1 - factor[:, 0]
+        return columns.reshape(-1, 5)
+
+    def run() -> list[np.ndarray]:
+        start = np.zeros(5)
+        return [
+            optimize.least_squares(residuals, start, jacobian, args=pair, method="lm").x
+            for pair in zip(ideal, observed, strict=True)
+        ]
+
+    return Peer(run)
+
+
+def opencv_calibrate(board: np.ndarray, corners: np.ndarray, size: tuple[int, int]) -> Peer | None:
+    """`cv2.calibrateCamera` with its five coefficients; the result is its RMS."""
+    if (cv2 := load("cv2")) is None:
+        return None
+    points = np.column_stack([board, np.zeros(len(board))]).astype(np.float32)
+    seen = [view[:, None].astype(np.float32) for view in corners]
+    return Peer(lambda: cv2.calibrateCamera([points] * len(seen), seen, size, None, None)[0])

@@ -7,7 +7,7 @@ from benchmarks.material import CHANNELS, KAPPA, SIZE
 _HEADER = f"""\
 # Benchmarks
 
-Written by a command; do not edit. To take the figures again (some three minutes, on an otherwise idle machine), from
+Written by a command; do not edit. To take the figures again (some four minutes, on an otherwise idle machine), from
 the repository's root:
 
     pip install '.[bench]'            # '.[bench-torch]' for the rows of PyTorch and kornia

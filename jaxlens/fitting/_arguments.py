@@ -31,7 +31,7 @@ def check_loss(loss: str, loss_scale: ArrayLike | None) -> None:
     """Raises `ValueError` for a loss that is none, or a scale at which it cannot bend."""
     if loss not in get_args(Loss):
         raise ValueError(f"loss must be one of {', '.join(get_args(Loss))}, got {loss!r}")
-    if loss_scale is not None and is_concrete(loss_scale) and not 0 < float(jnp.asarray(loss_scale)) < np.inf:
+    if loss_scale is not None and is_concrete(loss_scale) and not 0 < float(np.asarray(loss_scale)) < np.inf:
         raise ValueError(f"loss_scale must be a finite number above 0, got {loss_scale}")
 
 

@@ -126,7 +126,7 @@ def fit_lines(
     fit = _fit(
         choice,
         lens,
-        Frame(np.zeros(2, dtype), np.ones(2, dtype)) if frame is None else frame,
+        frame,
         points,
         weights,
         bound_vectors(bounds, choice.names, dtype),
@@ -140,6 +140,7 @@ def fit_lines(
 @partial(jax.jit, static_argnames=("choice", "loss", "max_steps"))
 def _fit(choice: Choice, lens, frame, points, weights, bounds, loss_scale, *, loss, max_steps) -> Fit:
     dtype = common_dtype(lens, points)
+    frame = Frame(jnp.zeros(2), jnp.ones(2)) if frame is None else frame
     lens, frame, points, weights, loss_scale = in_dtype((lens, frame, points, weights, loss_scale), dtype)
     # A point that does not count stands at its line's first: nothing there is singular.
     used = weights > 0

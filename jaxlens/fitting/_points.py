@@ -4,7 +4,6 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
 from jaxlens.fitting._arguments import (
@@ -114,7 +113,7 @@ def fit_points(
     fit = _fit(
         choice,
         lens,
-        Frame(np.zeros(2, dtype), np.ones(2, dtype)) if frame is None else frame,
+        frame,
         ideal,
         observed,
         weights,
@@ -129,6 +128,7 @@ def fit_points(
 @partial(jax.jit, static_argnames=("choice", "loss", "max_steps"))
 def _fit(choice: Choice, lens, frame, ideal, observed, weights, bounds, loss_scale, *, loss, max_steps) -> Fit:
     dtype = common_dtype(lens, ideal, observed)
+    frame = Frame(jnp.zeros(2), jnp.ones(2)) if frame is None else frame
     frame, ideal, observed, weights, loss_scale = in_dtype((frame, ideal, observed, weights, loss_scale), dtype)
     selection = Selection(in_dtype({"lens": lens, "scale": 1.0}, dtype), choice)
     used = (weights > 0)[:, None]

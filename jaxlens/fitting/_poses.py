@@ -13,17 +13,19 @@ class Poses(eqx.Module):
         translations: `(..., 3)`, in the board's units (OpenCV's tvec).
     """
 
-    rotation_vectors: Float[Array, "*views 3"]
-    translations: Float[Array, "*views 3"]
+    rotation_vectors: Float[Array, "*views 3"] = eqx.field(converter=jnp.asarray)
+    translations: Float[Array, "*views 3"] = eqx.field(converter=jnp.asarray)
 
     def rotations(self) -> Float[Array, "*views 3 3"]:
         """Returns the rotation matrices."""
         return rotation_matrix(self.rotation_vectors)
 
-    def project(self, board: Float[Array, "*#views points 2"]) -> Float[Array, "*views points 2"]:
+    def project(self, board: Float[ArrayLike, "*#views points 2"]) -> Float[Array, "*views points 2"]:
         """Returns the ideal image points (X/Z, Y/Z) of points of the board's plane, (x, y) order."""
         rotation = self.rotations()
-        inside = jnp.einsum("...ij,...nj->...ni", rotation[..., :, :2], board) + self.translations[..., None, :]
+        inside = (
+            jnp.einsum("...ij,...nj->...ni", rotation[..., :, :2], jnp.asarray(board)) + self.translations[..., None, :]
+        )
         return inside[..., :2] / inside[..., 2:]
 
 

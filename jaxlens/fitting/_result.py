@@ -120,7 +120,8 @@ class Fit(eqx.Module):
     def problems(self) -> list[str]:
         """Returns why the result deserves a second look, a sentence each; empty if nothing speaks against it."""
         found = []
-        weak = [name for name, flag in zip(self.names, np.asarray(self.unidentified), strict=True) if flag]
+        known = np.asarray(self.inflation) < IDENTIFIED
+        weak = [name for name, flag in zip(self.names, known, strict=True) if not flag]
         if weak and int(self.status) == FitStatus.CONVERGED:
             found.append(
                 f"{', '.join(weak)} {'is' if len(weak) == 1 else 'are'} not identified: the data fit almost as well "

@@ -45,7 +45,7 @@ def test_a_lens_comes_back_bit_by_bit(x64, path, model):
 def test_a_fit_comes_back_with_its_covariance(x64, path):
     ideal = np.random.default_rng(0).uniform(-0.7, 0.7, (50, 2))
     observed = np.asarray(jl.RadialPolynomial([0.1, 0.02]).distort(ideal))
-    observed += 1e-3 * np.random.default_rng(1).normal(size=observed.shape)
+    observed = observed + 1e-3 * np.random.default_rng(1).normal(size=observed.shape)
     fit = jl.fitting.fit_points(jl.RadialPolynomial([0.0, 0.0]), ideal, observed)
     write_calibration(path, Calibration.from_fit(fit))
     estimate = read_calibration(path).estimate

@@ -38,7 +38,7 @@ def points(tmp_path, frame, lens):
     return _table(tmp_path / "points.csv", "ideal_x,ideal_y,observed_x,observed_y", [ideal, observed])
 
 
-def test_points(run, points, tmp_path, x64, frame):
+def test_points(run, points, tmp_path, x64):
     output, plots = tmp_path / "lens.json", tmp_path / "plots"
     result = run("fit", "points", points, "--image-size", "160x120", "--output", output, "--plots", plots)
     assert result.code == 0
@@ -46,6 +46,7 @@ def test_points(run, points, tmp_path, x64, frame):
     assert files_in(plots) == ["curve.png", "residuals.png"]
     calibration = read_calibration(output)
     table = np.loadtxt(points, delimiter=",", skiprows=1)
+    frame = jl.Frame.half_diagonal(SIZE[1], SIZE[0])
     fit = jl.fitting.fit_points(
         jl.RadialPolynomial([0.0, 0.0]), frame.normalize(table[:, :2]), table[:, 2:], frame=frame
     )

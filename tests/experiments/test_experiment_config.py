@@ -11,7 +11,15 @@ CONFIGURATIONS = sorted((Path(__file__).parents[2] / "experiments").glob("*.toml
 
 @pytest.mark.parametrize("path", CONFIGURATIONS, ids=lambda path: path.stem)
 def test_committed_configurations_are_valid_and_named_as_their_files(path: Path):
-    assert config.load(path).experiment.name == path.stem
+    try:
+        name = config.load(path).experiment.name
+    except config.ConfigError as error:
+        # OpenCV's corners lie beside the repository, where they are present.
+        assert path.stem == "boards"
+        assert str(error).count("\n") == 0
+        assert "there is no such CSV file" in str(error)
+    else:
+        assert name == path.stem
 
 
 def change(folder: Path, old: str, new: str) -> Path:
