@@ -1,7 +1,12 @@
 """What all tests share: strict broadcasting, and both precisions without a global switch."""
 
+import os
+
 import jax
 import pytest
+
+# Nearly all the time is compilation: code that runs once need not be optimized. Read when the first array is made.
+os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
 
 
 @pytest.fixture(autouse=True)
