@@ -107,7 +107,11 @@ def test_maps_are_the_images_and_zoom_fills(picture):
     lens = jl.RadialPolynomial([-0.3, 0.02])
     image = np.float32(picture)
     np.testing.assert_allclose(
-        jl.remap(image, jl.distortion_map(lens, 23, 31)), jl.distort_image(image, lens), atol=1e-6
+        # Coordinates up to 31 are known to 2e-6 in single precision, and neighbours differ by up to one.
+        jl.remap(image, jl.distortion_map(lens, 23, 31)),
+        jl.distort_image(image, lens),
+        rtol=0,
+        atol=4e-6,
     )
     np.testing.assert_allclose(
         jl.remap(image, jl.undistortion_map(lens, 23, 31)), jl.undistort_image(image, lens), atol=1e-6

@@ -32,6 +32,8 @@ _BEST = 6
 _MARGIN = 0.5
 # Rounds at each level: what is covered depends on the lens, and is held fixed in each round.
 _ROUNDS = 2
+# Of the distorted picture's variance the lens explains at least so much, or it is the lens of another picture.
+_EXPLAINED = 0.2
 # A share of the picture that must be covered for a candidate to count.
 _COVERED = 0.1
 
@@ -200,6 +202,11 @@ def _fit(
     known = assess(problem, minimum, loss)
     lens = problem.selection.insert(values)["lens"]
     _, valid = problem.places(lens)
+    status = jnp.where(
+        _explained(problem, known.residuals) | (known.status > FitStatus.DIVERGED),
+        known.status,
+        FitStatus.UNEXPLAINED,
+    )
     return Fit(
         lens=lens,
         frame=frame,
@@ -215,10 +222,18 @@ def _fit(
         per_view_rms=None,
         degrees_of_freedom=known.degrees_of_freedom,
         loss_scale=minimum.loss_scale,
-        status=known.status,
+        status=status,
         steps=steps,
         folds=jnp.any(~valid),
     )
+
+
+def _explained(problem: _Images, residuals: Array) -> Array:
+    """Whether enough of the covered pixels' variance is explained."""
+    weights, observed = problem.weights[0], problem.distorted.ravel()
+    total = jnp.maximum(jnp.sum(weights), 1)
+    variance = jnp.sum(weights * (observed - jnp.sum(weights * observed) / total) ** 2)
+    return jnp.sum(weights * residuals.ravel() ** 2) < (1 - _EXPLAINED) * variance
 
 
 def _pyramid(finest: _Images) -> list[_Images]:

@@ -33,6 +33,8 @@ class FitStatus(enum.IntEnum):
     """Fewer residuals than parameters."""
     NOT_FINITE = 5
     """The data, or the start's residuals, are not finite."""
+    UNEXPLAINED = 6
+    """Of `fit_images`: the one picture through the lens does not look like the other."""
 
 
 class FitError(RuntimeError):
@@ -169,6 +171,11 @@ def explain(fit: Fit) -> str:
             return f"the data have fewer residuals than there are parameters: {', '.join(fit.names)}"
         case FitStatus.NOT_FINITE:
             return "the data, or the residuals at the start, are not finite"
+        case FitStatus.UNEXPLAINED:
+            return (
+                "the source through the lens does not look like the distorted picture: is it the same scene, of the "
+                "same size and not turned? Give a start nearer to the solution, or a mask"
+            )
     share = np.abs(np.asarray(fit.weakest_direction))
     involved = [name for name, part in zip(fit.names, share, strict=True) if not part < 0.05]
     together = f"{', '.join(involved)} separately" if len(involved) > 1 else "".join(involved)

@@ -9,7 +9,7 @@ import skimage.data
 import skimage.transform
 
 import jaxlens as jl
-from jaxlens.fitting import FitStatus, fit_images
+from jaxlens.fitting import FitError, FitStatus, fit_images
 
 # One size for nearly all, because each shape is compiled for itself.
 SIZE = 160
@@ -130,6 +130,13 @@ def test_a_robust_loss_sees_past_a_patch(x64):
         scores = (np.asarray(noisy.values[:2]) - pair) / np.asarray(noisy.standard_errors[:2])
         assert np.abs(scores).max() < 4
         assert abs(float(noisy.parameters["gain"]) - 1) < 0.01
+
+
+def test_another_picture_altogether(x64):
+    """A minimum there is always; a lens that explains nothing is not called converged."""
+    other = skimage.transform.resize(skimage.data.camera().astype(float), (SIZE, SIZE), anti_aliasing=True)
+    with pytest.raises(FitError, match="does not look like the distorted picture|not converged"):
+        _fit(other)
 
 
 def test_a_centre_of_its_own(x64):

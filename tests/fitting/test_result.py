@@ -47,6 +47,7 @@ def test_status_values():
         ("RANK_DEFICIENT", 3),
         ("TOO_FEW", 4),
         ("NOT_FINITE", 5),
+        ("UNEXPLAINED", 6),
     ]
 
 
@@ -114,6 +115,7 @@ def test_warnings(x64):
         (FitStatus.RANK_DEFICIENT, r"do not determine kappa1, kappa2 separately \(condition number 7.0e\+00\)"),
         (FitStatus.TOO_FEW, "fewer residuals than there are parameters: kappa1, kappa2, center_x"),
         (FitStatus.NOT_FINITE, "are not finite"),
+        (FitStatus.UNEXPLAINED, "does not look like the distorted picture"),
     ],
 )
 def test_a_failure_is_raised_unless_told_otherwise(x64, status, message):
