@@ -135,7 +135,7 @@ def test_a_robust_loss_sees_past_a_patch(x64):
 def test_another_picture_altogether(x64):
     """A minimum there is always; a lens that explains nothing is not called converged."""
     other = skimage.transform.resize(skimage.data.camera().astype(float), (SIZE, SIZE), anti_aliasing=True)
-    with pytest.raises(FitError, match="does not look like the distorted picture|not converged"):
+    with pytest.raises(FitError, match=r"does not look like the distorted picture|not converged"):
         _fit(other)
 
 
