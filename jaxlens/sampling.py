@@ -67,15 +67,15 @@ def remap(
     return resample(image, coordinates, method=method, border=border, fill=fill, antialias=antialias, computed=False)
 
 
-def interpolate(
-    image: Float[Array, "height width"], points: Float[Array, "*points 2"], *, method: Method = "bilinear"
-) -> Float[Array, "*points"]:
-    """Samples a finite image, its edge repeated, without the checks and casts of `remap`: the core of a residual."""
+def interpolate(image: Float[Array, "height width"], points: Float[Array, "*points 2"]) -> Float[Array, "*points"]:
+    """Samples a finite image bilinearly, its edge repeated, without the checks and casts of `remap`: for residuals."""
     fill = jnp.zeros((1,), image.dtype)
     # Where it is differentiated, XLA computes the pixels' indices and their weights in different loops, which may round
     # a position that is whole to different sides. A nudge, as small as rounding itself, brings both to the same.
     nudge = 4 * epsilon(points.dtype) * max(image.shape)
-    return _sample(image[..., None], split(points + nudge), fill, method=method, border="edge", careful=False)[..., 0]
+    return _sample(image[..., None], split(points + nudge), fill, method="bilinear", border="edge", careful=False)[
+        ..., 0
+    ]
 
 
 def resample(image, coordinates, *, method: str, border: str, fill, antialias: bool, computed: bool) -> Array:

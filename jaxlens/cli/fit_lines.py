@@ -14,6 +14,7 @@ from jaxlens.cli.fits import (
     check_fit_arguments,
     deliver,
     fitting,
+    frame_and_unit,
     load_columns,
     parse_size,
     starting_lens,
@@ -55,18 +56,16 @@ def run(arguments: Arguments) -> int:
     import numpy as np
 
     from jaxlens.fitting import fit_lines
-    from jaxlens.frames import Frame
 
     with fitting():
         number, points = np.asarray(columns["line"]), np.stack([columns["x"], columns["y"]], axis=-1)
         lines = [points[number == one] for one in np.unique(number)]
-        frame = Frame([0.0, 0.0], 1.0) if size is None else Frame.half_diagonal(size[1], size[0])
+        frame, unit = frame_and_unit(size)
         fit = fit_lines(starting_lens(arguments), lines, frame=frame, center=arguments.fit_center, loss=arguments.loss)
         figures = None
         if arguments.plots is not None:
             from jaxlens.experiments.figures.fits import curve_figure, lines_figure
 
-            unit = "normalized units" if size is None else "pixels"
             figures = {
                 "lines": lines_figure(lines, np.asarray(fit.residuals), fit, unit),
                 "curve": curve_figure(fit, np.asarray(frame.normalize(points)), unit),

@@ -14,6 +14,7 @@ from jaxlens.cli.fits import (
     check_fit_arguments,
     deliver,
     fitting,
+    frame_and_unit,
     load_columns,
     parse_size,
     starting_lens,
@@ -59,12 +60,11 @@ def run(arguments: Arguments) -> int:
     import numpy as np
 
     from jaxlens.fitting import fit_points
-    from jaxlens.frames import Frame
 
     with fitting():
         ideal = np.stack([columns["ideal_x"], columns["ideal_y"]], axis=-1)
         observed = np.stack([columns["observed_x"], columns["observed_y"]], axis=-1)
-        frame = Frame([0.0, 0.0], 1.0) if size is None else Frame.half_diagonal(size[1], size[0])
+        frame, unit = frame_and_unit(size)
         fit = fit_points(
             starting_lens(arguments),
             frame.normalize(ideal),
@@ -79,7 +79,6 @@ def run(arguments: Arguments) -> int:
         if arguments.plots is not None:
             from jaxlens.experiments.figures.fits import curve_figure, residual_figure
 
-            unit = "normalized units" if size is None else "pixels"
             figures = {
                 "residuals": residual_figure(observed, np.asarray(fit.residuals), fit, unit),
                 "curve": curve_figure(fit, np.asarray(frame.normalize(ideal)), unit),

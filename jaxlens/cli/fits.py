@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from jaxlens.fitting import Fit
+    from jaxlens.frames import Frame
     from jaxlens.lenses import Lens
 
 Model = Literal["radial", "division", "brown-conrady"]
@@ -101,6 +102,15 @@ def load_columns(path: Path, required: Sequence[str], *, optional: Sequence[str]
         return read_columns(path, required, optional=optional)
     except ColumnsError as error:
         raise UsageError(str(error)) from error
+
+
+def frame_and_unit(size: tuple[int, int] | None) -> "tuple[Frame, str]":
+    """Returns the frame of points: Eq. 10's, in pixels of a picture of that size; none, and their own unit, without."""
+    from jaxlens.frames import Frame
+
+    if size is None:
+        return Frame([0.0, 0.0], 1.0), "normalized units"
+    return Frame.half_diagonal(size[1], size[0]), "pixels"
 
 
 def starting_lens(arguments: FitArguments) -> "Lens":

@@ -21,7 +21,7 @@ from jaxlens.fitting._arguments import (
 from jaxlens.fitting._homographies import focal_lengths, plane_homographies, poses_from_homographies
 from jaxlens.fitting._parameters import Choice, Selection, choose, everything_but_the_center, in_dtype, without
 from jaxlens.fitting._poses import Poses
-from jaxlens.fitting._problem import Problem, assess, minimize
+from jaxlens.fitting._problem import Problem, assess, minimize, report
 from jaxlens.fitting._result import IDENTIFIED, Fit, FitStatus, checked
 from jaxlens.fitting._robust import Loss
 from jaxlens.fitting._solver import Unknowns
@@ -204,23 +204,15 @@ def _fit(choice: Choice, lens, boards, size, camera_matrix, bounds, loss_scale, 
     camera = np.array([name in _CAMERA for name in choice.names])
     lost = jnp.any(camera & ~(known.inflation < IDENTIFIED)) | (_parallel(poses) & bool(camera.any()))
     status = jnp.where(lost & (known.status <= FitStatus.DIVERGED), FitStatus.RANK_DEFICIENT, known.status)
-    return Fit(
+    return report(
+        minimum,
+        known,
+        choice.names,
         lens=model["lens"],
         frame=frame,
         poses=poses,
-        names=choice.names,
-        values=minimum.unknowns.shared,
-        covariance=known.covariance,
-        condition_number=known.condition_number,
-        inflation=known.inflation,
-        weakest_direction=known.weakest_direction,
-        residuals=known.residuals,
-        rms=known.rms,
         per_view_rms=known.per_block_rms,
-        degrees_of_freedom=known.degrees_of_freedom,
-        loss_scale=minimum.loss_scale,
         status=status,
-        steps=minimum.steps,
         folds=_folds(model["lens"], frame, size),
     )
 

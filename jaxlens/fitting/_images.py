@@ -11,7 +11,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float, PyTree, Shaped
 
 from jaxlens.fitting._arguments import Bounds, bound_vectors, check_loss, common_dtype, is_concrete
 from jaxlens.fitting._parameters import Choice, Selection, choose, everything_but_the_center, in_dtype, with_center
-from jaxlens.fitting._problem import Minimum, Problem, assess, minimize
+from jaxlens.fitting._problem import Minimum, Problem, assess, minimize, report
 from jaxlens.fitting._result import Fit, FitStatus, checked
 from jaxlens.fitting._robust import Loss, robustify
 from jaxlens.fitting._solver import Unknowns
@@ -207,21 +207,13 @@ def _fit(
         known.status,
         FitStatus.UNEXPLAINED,
     )
-    return Fit(
+    return report(
+        minimum,
+        known,
+        choice.names,
         lens=lens,
         frame=frame,
-        poses=None,
-        names=choice.names,
-        values=values,
-        covariance=known.covariance,
-        condition_number=known.condition_number,
-        inflation=known.inflation,
-        weakest_direction=known.weakest_direction,
         residuals=known.residuals.reshape(*finest.distorted.shape, 1),
-        rms=known.rms,
-        per_view_rms=None,
-        degrees_of_freedom=known.degrees_of_freedom,
-        loss_scale=minimum.loss_scale,
         status=status,
         steps=steps,
         folds=jnp.any(~valid),

@@ -19,7 +19,7 @@ from jaxlens.fitting._arguments import (
     is_concrete,
 )
 from jaxlens.fitting._parameters import Choice, Selection, choose, everything_but_the_center, in_dtype, with_center
-from jaxlens.fitting._problem import Problem, assess, minimize
+from jaxlens.fitting._problem import Problem, assess, minimize, report
 from jaxlens.fitting._result import Fit, FitStatus, checked
 from jaxlens.fitting._robust import Loss
 from jaxlens.fitting._solver import Unknowns, jacobian_rows
@@ -160,23 +160,15 @@ def _fit(choice: Choice, lens, frame, points, weights, bounds, loss_scale, *, lo
     lens = problem.selection.insert(minimum.unknowns.shared)
     blind = _blind(problem, minimum.unknowns)
     status = jnp.where(blind & (known.status <= FitStatus.DIVERGED), FitStatus.RANK_DEFICIENT, known.status)
-    return Fit(
+    return report(
+        minimum,
+        known,
+        choice.names,
         lens=lens,
         frame=frame,
-        poses=None,
-        names=choice.names,
-        values=minimum.unknowns.shared,
         covariance=jnp.where(blind, jnp.nan, known.covariance),
-        condition_number=known.condition_number,
-        inflation=known.inflation,
-        weakest_direction=known.weakest_direction,
         residuals=known.residuals.reshape(*weights.shape, 1),
-        rms=known.rms,
-        per_view_rms=None,
-        degrees_of_freedom=known.degrees_of_freedom,
-        loss_scale=minimum.loss_scale,
         status=jnp.where(broken, FitStatus.NOT_FINITE, status),
-        steps=minimum.steps,
         folds=jnp.any(~lens.invert(frame.normalize(points)).valid & used),
     )
 

@@ -16,7 +16,7 @@ from jaxlens.fitting._arguments import (
     common_dtype,
 )
 from jaxlens.fitting._parameters import Choice, Selection, choose, everything_but_the_center, in_dtype, with_center
-from jaxlens.fitting._problem import Problem, assess, minimize
+from jaxlens.fitting._problem import Problem, assess, minimize, report
 from jaxlens.fitting._result import Fit, checked
 from jaxlens.fitting._robust import Loss
 from jaxlens.fitting._solver import Unknowns
@@ -145,22 +145,12 @@ def _fit(choice: Choice, lens, frame, ideal, observed, weights, bounds, loss_sca
     )
     known = assess(problem, minimum, loss)
     model = selection.insert(minimum.unknowns.shared)
-    return Fit(
+    return report(
+        minimum,
+        known,
+        choice.names,
         lens=model["lens"],
         frame=frame.zoomed(model["scale"]),
-        poses=None,
-        names=choice.names,
-        values=minimum.unknowns.shared,
-        covariance=known.covariance,
-        condition_number=known.condition_number,
-        inflation=known.inflation,
-        weakest_direction=known.weakest_direction,
         residuals=known.residuals[0],
-        rms=known.rms,
-        per_view_rms=None,
-        degrees_of_freedom=known.degrees_of_freedom,
-        loss_scale=minimum.loss_scale,
-        status=known.status,
-        steps=minimum.steps,
         folds=jnp.any(~model["lens"].one_to_one(problem.ideal) & used[:, 0]),
     )

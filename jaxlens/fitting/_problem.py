@@ -12,9 +12,10 @@ from jax import lax
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
-from jaxlens.fitting._result import FitStatus
+from jaxlens.fitting._result import Fit, FitStatus
 from jaxlens.fitting._robust import Loss, influence, noise_scale, robustify
 from jaxlens.fitting._solver import NormalLevenbergMarquardt, Unknowns, jacobian_rows, normal_equations
+from jaxlens.lenses import Lens
 from jaxlens.numerics import epsilon
 
 # Rounds of estimating the noise, and fitting anew, and the relative change of the loss scale at which they end.
@@ -152,6 +153,28 @@ def _implicit_jvp(loss, primals, tangents):
     change = jax.jvp(lambda problem: gradient(flat, problem), (problem,), (tangents[1],))[1]
     hessian = jax.jacfwd(gradient)(flat, problem)
     return minimum, unravel(-jnp.linalg.solve(hessian, change))
+
+
+def report(minimum: Minimum, known: Knowledge, names: tuple[str, ...], *, lens: Lens, **own: Any) -> Fit:
+    """Returns the `Fit` of what was found and is known; `own` is what a kind of fit has, or sees in its own way."""
+    common = {
+        "frame": None,
+        "poses": None,
+        "names": names,
+        "values": minimum.unknowns.shared,
+        "covariance": known.covariance,
+        "condition_number": known.condition_number,
+        "inflation": known.inflation,
+        "weakest_direction": known.weakest_direction,
+        "residuals": known.residuals,
+        "rms": known.rms,
+        "per_view_rms": None,
+        "degrees_of_freedom": known.degrees_of_freedom,
+        "loss_scale": minimum.loss_scale,
+        "status": known.status,
+        "steps": minimum.steps,
+    }
+    return Fit(lens=lens, **(common | own))
 
 
 def assess(problem: Problem, minimum: Minimum, loss: Loss, further_parameters: int | Array = 0) -> Knowledge:

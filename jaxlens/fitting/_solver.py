@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import optimistix as optx
 from jax import lax
-from jaxtyping import Array, Bool, Float, Int, PyTree
+from jaxtyping import Array, Bool, Float, PyTree
 
 from jaxlens.numerics import epsilon
 
@@ -156,7 +156,6 @@ class _State(eqx.Module):
     growth: Float[Array, ""]
     done: Bool[Array, ""]
     failed: Bool[Array, ""]
-    accepted: Int[Array, ""]
 
 
 class NormalLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
@@ -186,9 +185,9 @@ class NormalLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             jnp.zeros((blocks, shared, size), dtype),
             jnp.zeros((blocks, size, size), dtype),
         )
-        no, zero = jnp.asarray(False), jnp.asarray(0)
+        no = jnp.asarray(False)
         first = jnp.asarray(_FIRST_DAMPING, dtype)
-        return _State(y, nothing, first, jnp.asarray(2.0, dtype), no, no, zero)
+        return _State(y, nothing, first, jnp.asarray(2.0, dtype), no, no)
 
     def step(self, fn, y, args, options, state: _State, tags):
         """Judges the candidate, and proposes the next."""
@@ -229,7 +228,7 @@ class NormalLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         hopeless = (damping > _LARGEST_DAMPING) | ~started
         # A step too small to matter is taken unseen: there is nothing an evaluation could say against it.
         y = _where(small, candidate, y)
-        state = _State(candidate, normal, damping, growth, done, hopeless & ~done, state.accepted + accept)
+        state = _State(candidate, normal, damping, growth, done, hopeless & ~done)
         return y, state, None
 
     def terminate(self, fn, y, args, options, state: _State, tags):
@@ -240,8 +239,8 @@ class NormalLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
 
     def postprocess(self, fn, y, aux, args, options, state: _State, tags, result):
         """Returns the last accepted point."""
-        del fn, args, options, tags, result
-        return y, aux, {"accepted": state.accepted}
+        del fn, args, options, state, tags, result
+        return y, aux, {}
 
 
 def _dot(a: Unknowns, b: Unknowns) -> Float[Array, ""]:

@@ -1,6 +1,7 @@
 """`jaxlens fit` and `jaxlens calibrate`: files in, a summary, a calibration and pictures out."""
 
 import sys
+from typing import get_args
 
 import jax
 import numpy as np
@@ -9,6 +10,8 @@ from cli_helpers import files_in
 
 import jaxlens as jl
 from jaxlens.calibrations import read_calibration
+from jaxlens.cli import fits
+from jaxlens.fitting import _robust
 from jaxlens.images import Picture, write_image
 
 SIZE = (160, 120)
@@ -186,6 +189,11 @@ def test_calibrate_from_pictures(run, tmp_path):
     write_image(tmp_path / "small.png", Picture(white[:100]))
     result = run("calibrate", tmp_path / "0.png", tmp_path / "small.png", "--board", "6x5")
     assert (result.code, "pictures of one size" in result.err) == (1, True)
+
+
+def test_losses_are_those_of_the_library():
+    """The command line names them again, for the library's own names import JAX."""
+    assert get_args(fits.Loss) == get_args(_robust.Loss)
 
 
 def test_without_opencv(run, tmp_path, monkeypatch):
