@@ -18,6 +18,8 @@ def jitted(method: Method) -> Method:
 
 def as_floating(values: ArrayLike | Sequence) -> Array:
     """Returns `values` as a floating array: floats keep their dtype, anything else gets JAX's default float."""
+    if isinstance(values, jax.Array) and jnp.issubdtype(values.dtype, jnp.floating):
+        return values
     if not any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(values)):
         # Numbers and lists become an array several times faster in NumPy: a lens is often made for one call.
         values = np.asarray(values)

@@ -1,7 +1,7 @@
 """What the fits ask of their arguments, once for all of them: clear errors for what no fit could use."""
 
 from collections.abc import Mapping
-from typing import Any, get_args
+from typing import get_args
 
 import jax
 import jax.numpy as jnp
@@ -62,6 +62,8 @@ def check_finite(name: str, points: ArrayLike, weights: ArrayLike) -> None:
     if not is_concrete(points, weights):
         return
     points = np.asarray(points)
+    if np.isfinite(points).all():
+        return
     bad = ~np.isfinite(points).all(axis=-1) & (np.asarray(weights) > 0)
     if bad.any():
         where = np.argwhere(bad)[0]
@@ -87,7 +89,7 @@ def check_count(components: int, weights: ArrayLike, names: tuple[str, ...], wha
         )
 
 
-def bound_vectors(bounds: Bounds | None, names: tuple[str, ...], dtype: Any) -> tuple[Array, Array] | None:
+def bound_vectors(bounds: Bounds | None, names: tuple[str, ...]) -> tuple[Array, Array] | None:
     """Returns the lower and upper bounds of all parameters, None if there are none.
 
     Raises:
@@ -102,7 +104,7 @@ def bound_vectors(bounds: Bounds | None, names: tuple[str, ...], dtype: Any) -> 
         if is_concrete(low, high) and not low <= high:
             raise ValueError(f"bounds of {name} must be (smallest, largest), got ({low}, {high})")
     low, high = (
-        jnp.stack([jnp.asarray(bounds.get(name, (-jnp.inf, jnp.inf))[side], dtype) for name in names])
+        jnp.stack([jnp.asarray(bounds.get(name, (-jnp.inf, jnp.inf))[side], float) for name in names])
         for side in (0, 1)
     )
     return low, high

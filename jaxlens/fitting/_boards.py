@@ -19,7 +19,7 @@ from jaxlens.fitting._arguments import (
     is_concrete,
 )
 from jaxlens.fitting._homographies import focal_lengths, plane_homographies, poses_from_homographies
-from jaxlens.fitting._parameters import Choice, Selection, choose, everything_but_the_center, in_dtype, without
+from jaxlens.fitting._parameters import Choice, Selection, choose, in_dtype, lens_mask, without
 from jaxlens.fitting._poses import Poses
 from jaxlens.fitting._problem import Problem, assess, minimize, report
 from jaxlens.fitting._result import IDENTIFIED, Fit, FitStatus, checked
@@ -170,8 +170,8 @@ def calibrate(
     width, height = image_size
     views = boards.observed.shape[0]
     model = {"camera": {"focal_length": np.zeros(2), "principal_point": np.zeros(2)}, "lens": lens}
-    mask = {"camera": {"focal_length": True, "principal_point": True}, "lens": everything_but_the_center(lens)}
-    choice = without(choose(model, mask if free is None else {**mask, "lens": free}), fixed)
+    mask = {"camera": {"focal_length": True, "principal_point": True}, "lens": lens_mask(lens, free, center=False)}
+    choice = without(choose(model, mask), fixed)
     _check_views(boards, choice, views)
     check_count(2, boards.weights, choice.names, "corners", _POSE * views)
     dtype = common_dtype(lens, boards)
@@ -181,7 +181,7 @@ def calibrate(
         boards,
         jnp.asarray([width, height], dtype),
         camera_matrix,
-        bound_vectors(bounds, choice.names, dtype),
+        bound_vectors(bounds, choice.names),
         loss_scale,
         loss=loss,
         max_steps=max_steps,
@@ -192,7 +192,7 @@ def calibrate(
 @partial(jax.jit, static_argnames=("choice", "loss", "max_steps"))
 def _fit(choice: Choice, lens, boards, size, camera_matrix, bounds, loss_scale, *, loss, max_steps) -> Fit:
     dtype = size.dtype
-    lens, boards, camera_matrix, loss_scale = in_dtype((lens, boards, camera_matrix, loss_scale), dtype)
+    lens, boards, camera_matrix, bounds, loss_scale = in_dtype((lens, boards, camera_matrix, bounds, loss_scale), dtype)
     frame, poses = _start(lens, boards, size, camera_matrix)
     model = {"camera": {"focal_length": frame.scale, "principal_point": frame.center}, "lens": lens}
     problem = _Boards(selection=Selection(model, choice), boards=boards, weights=boards.weights)

@@ -10,7 +10,7 @@ from jax import lax
 from jaxtyping import Array, ArrayLike, Bool, Float, PyTree, Shaped
 
 from jaxlens.fitting._arguments import Bounds, bound_vectors, check_loss, common_dtype, is_concrete
-from jaxlens.fitting._parameters import Choice, Selection, choose, everything_but_the_center, in_dtype, with_center
+from jaxlens.fitting._parameters import Choice, Selection, choose, in_dtype, lens_mask
 from jaxlens.fitting._problem import Minimum, Problem, assess, minimize, report
 from jaxlens.fitting._result import Fit, FitStatus, checked
 from jaxlens.fitting._robust import Loss, robustify
@@ -134,12 +134,10 @@ def fit_images(
     if mask is not None and jnp.shape(mask) != distorted.shape[:2]:
         raise ValueError(f"mask must have the distorted picture's shape {distorted.shape[:2]}, got {jnp.shape(mask)}")
     light = {"gain": 1.0, "offset": 0.0}
-    chosen = everything_but_the_center(lens) if free is None else free
-    chosen = with_center(chosen, lens) if center else chosen
+    chosen = lens_mask(lens, free, center=center)
     choice = choose({"lens": lens, "light": light}, {"lens": chosen, "light": {"gain": True, "offset": True}})
     if len(choice.names) == len(light):
         raise ValueError("nothing to fit: `free` names no parameter")
-    dtype = common_dtype(lens, source, distorted)
     frame = frame_for(lens, *source.shape[:2]) if frame is None else frame
     fit = _fit(
         choice,
@@ -149,7 +147,7 @@ def fit_images(
         source,
         distorted,
         mask,
-        bound_vectors(bounds, choice.names, dtype),
+        bound_vectors(bounds, choice.names),
         loss_scale,
         search=search,
         loss=loss,

@@ -18,7 +18,7 @@ from jaxlens.fitting._arguments import (
     common_dtype,
     is_concrete,
 )
-from jaxlens.fitting._parameters import Choice, Selection, choose, everything_but_the_center, in_dtype, with_center
+from jaxlens.fitting._parameters import Choice, Selection, choose, in_dtype, lens_mask
 from jaxlens.fitting._problem import Problem, assess, minimize, report
 from jaxlens.fitting._result import Fit, FitStatus, checked
 from jaxlens.fitting._robust import Loss
@@ -119,17 +119,15 @@ def fit_lines(
     """
     check_loss(loss, loss_scale)
     points, weights = _padded(lines, weights)
-    mask = everything_but_the_center(lens) if free is None else free
-    choice = choose(lens, with_center(mask, lens) if center else mask)
+    choice = choose(lens, lens_mask(lens, free, center=center))
     check_count(1, weights, choice.names, "points on lines", _LINE * points.shape[0])
-    dtype = common_dtype(lens, points)
     fit = _fit(
         choice,
         lens,
         frame,
         points,
         weights,
-        bound_vectors(bounds, choice.names, dtype),
+        bound_vectors(bounds, choice.names),
         loss_scale,
         loss=loss,
         max_steps=max_steps,
@@ -141,7 +139,9 @@ def fit_lines(
 def _fit(choice: Choice, lens, frame, points, weights, bounds, loss_scale, *, loss, max_steps) -> Fit:
     dtype = common_dtype(lens, points)
     frame = Frame(jnp.zeros(2), jnp.ones(2)) if frame is None else frame
-    lens, frame, points, weights, loss_scale = in_dtype((lens, frame, points, weights, loss_scale), dtype)
+    lens, frame, points, weights, bounds, loss_scale = in_dtype(
+        (lens, frame, points, weights, bounds, loss_scale), dtype
+    )
     # A point that does not count stands at its line's first: nothing there is singular.
     used = weights > 0
     filler = jnp.take_along_axis(points, jnp.argmax(used, axis=1)[:, None, None], axis=1)

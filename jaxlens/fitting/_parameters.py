@@ -1,6 +1,7 @@
 """Which numbers of a pytree are fitted: from a pytree and a mask to a vector, and back."""
 
 from collections.abc import Sequence
+from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -63,17 +64,38 @@ def choose(tree: PyTree, free: PyTree) -> Choice:
     Raises:
         ValueError: the mask does not fit the pytree.
     """
-    leaves, structure = jax.tree_util.tree_flatten_with_path(tree)
-    masks = jax.tree.leaves(free)
-    if jax.tree.structure(free) != jax.tree.structure(tree) or len(masks) != len(leaves):
+    leaves, structure = jax.tree.flatten(tree)
+    masks, masked = jax.tree.flatten(free)
+    if masked != structure:
         raise ValueError(
             "`free` must have the structure of what is fitted, with a boolean for each array in it: expected "
-            f"{structure}, got {jax.tree.structure(free)}"
+            f"{structure}, got {masked}"
         )
+    shapes = tuple(np.shape(leaf) for leaf in leaves)
+    return _choose(structure, shapes, tuple(mask if isinstance(mask, bool) else _Flags(mask) for mask in masks))
+
+
+class _Flags:
+    """An array that can be looked up: equal to another of the same content."""
+
+    def __init__(self, values: Any):
+        self.values = np.asarray(values)
+        self._key = (self.values.shape, self.values.dtype.str, self.values.tobytes())
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Flags) and self._key == other._key
+
+
+@lru_cache(maxsize=256)
+def _choose(structure: Any, shapes: tuple[tuple[int, ...], ...], masks: tuple["bool | _Flags", ...]) -> Choice:
+    tree = jax.tree.unflatten(structure, [np.empty(shape) for shape in shapes])
     chosen: list[tuple[str, bool, int, str]] = []
     begin = 0
-    for (path, leaf), mask in zip(leaves, masks, strict=True):
-        mask, shape = np.asarray(mask), np.shape(leaf)
+    for (path, _), shape, given in zip(jax.tree_util.tree_leaves_with_path(tree), shapes, masks, strict=True):
+        mask = given.values if isinstance(given, _Flags) else np.asarray(given)
         if mask.dtype != bool or mask.shape not in ((), shape):
             raise ValueError(
                 f"`free` needs a boolean, or an array of booleans of shape {shape}, for {keystr(path)}; got "
@@ -103,21 +125,23 @@ def without(choice: Choice, fixed: Sequence[str]) -> Choice:
     return Choice(tuple(index for index, _ in kept), tuple(name for _, name in kept))
 
 
-def everything_but_the_center(lens: Lens) -> PyTree:
-    """Returns the mask of a lens in which all but a centre of distortion is free."""
-    mask = jax.tree.map(lambda _: True, lens)
-    return eqx.tree_at(lambda lens: lens.center, mask, False) if hasattr(lens, "center") else mask
-
-
-def with_center(mask: PyTree, lens: Lens) -> PyTree:
-    """Returns the mask with the centre of distortion free, too.
+def lens_mask(lens: Lens, free: PyTree | None, *, center: bool) -> PyTree:
+    """Returns which numbers of a lens are free: those of `free`, or all but the centre of distortion; or that, too.
 
     Raises:
-        ValueError: the lens has none of its own.
+        ValueError: `center`, and the lens has none of its own.
     """
-    if not hasattr(lens, "center"):
+    if center and not hasattr(lens, "center"):
         raise ValueError(f"center=True needs a lens with a centre of distortion; {type(lens).__name__} has none")
-    return eqx.tree_at(lambda lens: lens.center, mask, True)
+    if free is None:
+        return _everything_but_the_center(jax.tree.structure(lens), center)
+    return eqx.tree_at(lambda lens: lens.center, free, True) if center else free
+
+
+@cache
+def _everything_but_the_center(structure: Any, center: bool) -> PyTree:
+    mask = jax.tree.unflatten(structure, [True] * structure.num_leaves)
+    return eqx.tree_at(lambda lens: lens.center, mask, center) if hasattr(mask, "center") else mask
 
 
 def in_dtype(tree: PyTree, dtype: jax.typing.DTypeLike) -> Any:

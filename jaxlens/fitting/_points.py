@@ -15,7 +15,7 @@ from jaxlens.fitting._arguments import (
     check_loss,
     common_dtype,
 )
-from jaxlens.fitting._parameters import Choice, Selection, choose, everything_but_the_center, in_dtype, with_center
+from jaxlens.fitting._parameters import Choice, Selection, choose, in_dtype, lens_mask
 from jaxlens.fitting._problem import Problem, assess, minimize, report
 from jaxlens.fitting._result import Fit, checked
 from jaxlens.fitting._robust import Loss
@@ -105,11 +105,9 @@ def fit_points(
     weights = as_weights(weights, ideal.shape[:1])
     check_finite("ideal", ideal, weights)
     check_finite("observed", observed, weights)
-    mask = everything_but_the_center(lens) if free is None else free
-    mask = with_center(mask, lens) if center else mask
+    mask = lens_mask(lens, free, center=center)
     choice = choose({"lens": lens, "scale": 1.0}, {"lens": mask, "scale": scale})
     check_count(2, weights, choice.names, "points")
-    dtype = common_dtype(lens, ideal, observed)
     fit = _fit(
         choice,
         lens,
@@ -117,7 +115,7 @@ def fit_points(
         ideal,
         observed,
         weights,
-        bound_vectors(bounds, choice.names, dtype),
+        bound_vectors(bounds, choice.names),
         loss_scale,
         loss=loss,
         max_steps=max_steps,
@@ -129,7 +127,9 @@ def fit_points(
 def _fit(choice: Choice, lens, frame, ideal, observed, weights, bounds, loss_scale, *, loss, max_steps) -> Fit:
     dtype = common_dtype(lens, ideal, observed)
     frame = Frame(jnp.zeros(2), jnp.ones(2)) if frame is None else frame
-    frame, ideal, observed, weights, loss_scale = in_dtype((frame, ideal, observed, weights, loss_scale), dtype)
+    frame, ideal, observed, weights, bounds, loss_scale = in_dtype(
+        (frame, ideal, observed, weights, bounds, loss_scale), dtype
+    )
     selection = Selection(in_dtype({"lens": lens, "scale": 1.0}, dtype), choice)
     used = (weights > 0)[:, None]
     problem = _Points(

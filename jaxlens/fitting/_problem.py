@@ -12,9 +12,10 @@ from jax import lax
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
+from jaxlens.fitting._definite import solve_definite
 from jaxlens.fitting._result import Fit, FitStatus
 from jaxlens.fitting._robust import Loss, influence, noise_scale, robustify
-from jaxlens.fitting._solver import NormalLevenbergMarquardt, Unknowns, jacobian_rows, normal_equations
+from jaxlens.fitting._solver import NormalLevenbergMarquardt, Unknowns, normal_equations
 from jaxlens.lenses import Lens
 from jaxlens.numerics import epsilon
 
@@ -56,9 +57,8 @@ class Knowledge(eqx.Module):
 
     residuals: Float[Array, "blocks points components"]
     covariance: Float[Array, "shared shared"]
-    condition_number: Float[Array, ""]
+    information: Float[Array, "shared shared"]
     inflation: Float[Array, " shared"]
-    weakest_direction: Float[Array, " shared"]
     rms: Float[Array, ""]
     per_block_rms: Float[Array, " blocks"]
     degrees_of_freedom: Int[Array, ""]
@@ -163,9 +163,8 @@ def report(minimum: Minimum, known: Knowledge, names: tuple[str, ...], *, lens: 
         "names": names,
         "values": minimum.unknowns.shared,
         "covariance": known.covariance,
-        "condition_number": known.condition_number,
+        "information": known.information,
         "inflation": known.inflation,
-        "weakest_direction": known.weakest_direction,
         "residuals": known.residuals,
         "rms": known.rms,
         "per_view_rms": None,
@@ -188,8 +187,7 @@ def assess(problem: Problem, minimum: Minimum, loss: Loss, further_parameters: i
     """
     unknowns, weights = minimum.unknowns, problem.weights
     used = weights > 0
-    rows, by_shared, by_block = jacobian_rows(lambda u: _flat(problem.weighted(u)), unknowns)
-    normal = normal_equations(rows, by_shared, by_block)
+    normal, rows = normal_equations(lambda u: _flat(problem.weighted(u)), unknowns)
     residuals = rows.reshape(*weights.shape, -1)
     components = residuals.shape[-1]
     count, blocks = unknowns.shared.shape[0], unknowns.blocks
@@ -207,11 +205,11 @@ def assess(problem: Problem, minimum: Minimum, loss: Loss, further_parameters: i
         own = jnp.where(taken[:, None, None], normal.blocks, jnp.eye(blocks.shape[1], dtype=blocks.dtype))
         shared = shared - jnp.einsum("vsb,vbt->st", cross, jnp.linalg.solve(own, jnp.swapaxes(cross, 1, 2)))
     finite = jnp.all(jnp.isfinite(shared))
-    eigenvalues, vectors = jnp.linalg.eigh(jnp.where(finite, shared, jnp.eye(count, dtype=shared.dtype)))
-    # Three quarters of the digits: what is smaller than that in a sum of squares is rounding.
-    smallest = epsilon(shared.dtype) ** 0.75
-    regular = finite & jnp.all(eigenvalues > smallest)
-    inverse = (vectors / jnp.where(eigenvalues > smallest, eigenvalues, jnp.nan)[None]) @ vectors.T
+    inverse = solve_definite(shared, jnp.eye(count, dtype=shared.dtype))
+    inflation = jnp.diagonal(inverse)
+    # Three quarters of the digits: what is smaller than that in a sum of squares is rounding. The smallest eigenvalue
+    # is at least the reciprocal of this trace, and at most as many times that as there are parameters.
+    regular = finite & (jnp.sum(inflation) < epsilon(shared.dtype) ** -0.75)
     variance = _variance(residuals, used, loss, minimum.loss_scale, freedom, parameters)
     covariance = jnp.where(regular, variance * inverse * unit[:, None] * unit[None], jnp.nan)
 
@@ -223,9 +221,8 @@ def assess(problem: Problem, minimum: Minimum, loss: Loss, further_parameters: i
     return Knowledge(
         raw,
         covariance,
-        jnp.sqrt(eigenvalues[-1] / jnp.maximum(eigenvalues[0], 0)),
-        jnp.where(regular, jnp.diagonal(inverse), jnp.inf),
-        vectors[:, 0],
+        shared,
+        jnp.where(regular, inflation, jnp.inf),
         jnp.sqrt(jnp.sum(squares) / jnp.sum(weights)),
         jnp.sqrt(jnp.sum(squares, axis=1) / jnp.sum(weights, axis=1)),
         freedom,

@@ -56,9 +56,8 @@ class Fit(eqx.Module):
         values: Their values.
         covariance: Their covariance, with n − p degrees of freedom; with a robust loss by Huber's formula. NaN where
             the data do not determine it.
-        condition_number: Of the Jacobian, its columns scaled to length one.
+        information: JᵀJ, the columns of J scaled to length one, and cleared of what poses could explain as well.
         inflation: How many times the other parameters' being unknown inflates the variance of each.
-        weakest_direction: The combination of (scaled) parameters that the data determine least, of length one.
         residuals: `(..., components)`, observed − predicted, not weighted; zero where the weight is zero.
         rms: The root of the mean squared length of the residuals, weighted.
         per_view_rms: The same for each view, of `calibrate` only.
@@ -75,9 +74,8 @@ class Fit(eqx.Module):
     names: tuple[str, ...] = eqx.field(static=True)
     values: Float[Array, " parameters"]
     covariance: Float[Array, "parameters parameters"]
-    condition_number: Float[Array, ""]
+    information: Float[Array, "parameters parameters"]
     inflation: Float[Array, " parameters"]
-    weakest_direction: Float[Array, " parameters"]
     residuals: Float[Array, "*points components"]
     rms: Float[Array, ""]
     per_view_rms: Float[Array, " views"] | None
@@ -102,6 +100,17 @@ class Fit(eqx.Module):
     def parameters(self) -> dict[str, Float[Array, "*batch"]]:
         """The fitted values by name."""
         return {name: self.values[..., i] for i, name in enumerate(self.names)}
+
+    @property
+    def condition_number(self) -> Float[Array, "*batch"]:
+        """The condition number of the Jacobian, its columns scaled to length one."""
+        eigenvalues = jnp.linalg.eigvalsh(self.information)
+        return jnp.sqrt(eigenvalues[..., -1] / jnp.maximum(eigenvalues[..., 0], 0))
+
+    @property
+    def weakest_direction(self) -> Float[Array, "*batch parameters"]:
+        """The combination of (scaled) parameters that the data determine least, of length one."""
+        return jnp.linalg.eigh(self.information)[1][..., 0]
 
     @property
     def unidentified(self) -> Bool[Array, "*batch parameters"]:
@@ -149,10 +158,9 @@ def checked(fit: Fit, throw: bool) -> Fit:
     """
     if not is_concrete(fit):
         return fit
-    status = FitStatus(int(fit.status))
-    if throw and status != FitStatus.CONVERGED:
+    if throw and FitStatus(int(fit.status)) != FitStatus.CONVERGED:
         raise FitError(explain(fit))
-    for problem in fit.problems():
+    for problem in Fit.problems(fit):  # a bound method of a Module takes a while to make
         warnings.warn(problem, FitWarning, stacklevel=3)
     return fit
 

@@ -15,20 +15,21 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 import optimistix as optx
 from jax import lax
 from jaxtyping import Array, Bool, Float, PyTree
 
+from jaxlens.fitting._definite import solve_definite
 from jaxlens.numerics import epsilon
 
 _FIRST_DAMPING = 1e-6
 # Damping below this changes nothing but how long it takes to come back.
 _SMALLEST_DAMPING = 1e-10
-# A step that moves the residuals by this share of their size moves no parameter by a share of its
-# standard error that anyone could see.
+# What is left to go may be this share of the standard error of any combination of the parameters.
 _IMMATERIAL = 1e-6
-# Rows below which JᵀJ is no matrix product.
-_FEW_ROWS = 1024
+# Parameters up to which JᵀJ is summed in one pass over the residuals: its sums grow as their square.
+_FEW = 8
 # Damping relative to the diagonal beyond which a step is a blind one along the gradient.
 _LARGEST_DAMPING = 1e12
 
@@ -94,30 +95,48 @@ def jacobian_rows(
     return residual, by_shared, columns(Unknowns(jnp.zeros((size, count), dtype), each))
 
 
-def normal_equations(
-    residual: Float[Array, "blocks rows"],
-    by_shared: Float[Array, "blocks rows shared"],
-    by_block: Float[Array, "blocks rows size"],
-) -> NormalEquations:
-    """Returns the normal equations of residuals and their derivatives."""
+def normal_equations(function: Any, unknowns: Unknowns) -> tuple[NormalEquations, Float[Array, "blocks rows"]]:
+    """Returns the normal equations of a function's values, and the values."""
+    blocks, size = unknowns.blocks.shape
+    if size == 0:
+        gram, residual = _gram(function, unknowns)
+        nothing = jnp.zeros((blocks, gram.shape[0] - 1, 0), gram.dtype)
+        within = jnp.zeros((blocks, 0, 0), gram.dtype)
+        gradient = Unknowns(gram[:-1, -1], unknowns.blocks)
+        return NormalEquations(0.5 * gram[-1, -1], gradient, gram[:-1, :-1], nothing, within), residual
+    residual, by_shared, by_block = jacobian_rows(function, unknowns)
     # The residuals ride along as one more column: all sums over them are then one matrix product.
     tall = jnp.concatenate([by_shared, residual[..., None]], axis=-1)
-    gram = _gram(tall.reshape(-1, tall.shape[-1]))
+    gram = jnp.einsum("vna,vnb->ab", tall, tall)
     with_blocks = jnp.einsum("vns,vnb->vsb", tall, by_block)
-    return NormalEquations(
+    normal = NormalEquations(
         0.5 * gram[-1, -1],
         Unknowns(gram[:-1, -1], with_blocks[:, -1]),
         gram[:-1, :-1],
         with_blocks[:, :-1],
         jnp.einsum("vna,vnb->vab", by_block, by_block),
     )
+    return normal, residual
 
 
-def _gram(tall: Float[Array, "rows columns"]) -> Float[Array, "columns columns"]:
-    # A batch of small products is a loop over calls on the CPU: sums that fuse are twice as fast there.
-    if tall.shape[0] < _FEW_ROWS:
-        return jnp.sum(tall[:, :, None] * tall[:, None, :], axis=0)
-    return tall.T @ tall
+def _gram(function: Any, unknowns: Unknowns) -> tuple[Float[Array, "columns columns"], Float[Array, "blocks rows"]]:
+    """[J r]ᵀ [J r] of a function without blocks, and its values r."""
+    count, dtype = unknowns.shared.shape[0], unknowns.shared.dtype
+    if count > _FEW:
+        residual, by_shared, _ = jacobian_rows(function, unknowns)
+        tall = jnp.concatenate([by_shared, residual[..., None]], axis=-1).reshape(-1, count + 1)
+        return tall.T @ tall, residual
+    residual, derivative = jax.linearize(function, unknowns)
+    units = Unknowns(jnp.eye(count, dtype=dtype), jnp.zeros((count, *unknowns.blocks.shape), dtype))
+    # All sums in one pass over the columns: a product of matrices as thin as these is half as fast. The barrier keeps
+    # the pass, which one thread makes, from computing the columns, too.
+    columns = lax.optimization_barrier([*jax.vmap(derivative)(units), residual])
+    rows, places = np.tril_indices(count + 1)
+    products = tuple(columns[row] * columns[place] for row, place in zip(rows, places, strict=True))
+    zeros = tuple(jnp.zeros((), dtype) for _ in products)
+    sums = lax.reduce(products, zeros, lambda old, new: tuple(map(jnp.add, old, new)), (0, 1))
+    lower = jnp.zeros((count + 1, count + 1), dtype).at[rows, places].set(jnp.stack(sums))
+    return lower + jnp.tril(lower, -1).T, residual
 
 
 def solve(normal: NormalEquations, right: Unknowns, damping: Float[Array, ""]) -> Unknowns:
@@ -128,30 +147,23 @@ def solve(normal: NormalEquations, right: Unknowns, damping: Float[Array, ""]) -
     shared = normal.shared * scale.shared[:, None] * scale.shared[None] + damping * identity
     goal = right.shared * scale.shared
     if right.blocks.shape[1] == 0:
-        return Unknowns(_solve_definite(shared, goal[:, None])[:, 0] * scale.shared, right.blocks)
+        return Unknowns(solve_definite(shared, goal[:, None])[:, 0] * scale.shared, right.blocks)
     size = jnp.eye(right.blocks.shape[1], dtype=right.blocks.dtype)
     blocks = normal.blocks * scale.blocks[:, :, None] * scale.blocks[:, None, :] + damping * size[None]
     cross = normal.cross * scale.shared[None, :, None] * scale.blocks[:, None, :]
     goals = right.blocks * scale.blocks
     # Per block: B⁻¹ [Cᵀ g].
-    solved = _solve_definite(blocks, jnp.concatenate([jnp.swapaxes(cross, 1, 2), goals[..., None]], axis=2))
+    solved = solve_definite(blocks, jnp.concatenate([jnp.swapaxes(cross, 1, 2), goals[..., None]], axis=2))
     into_shared, offset = solved[:, :, :-1], solved[:, :, -1]
     reduced = shared - jnp.einsum("vsb,vbt->st", cross, into_shared)
-    step = _solve_definite(reduced, (goal - jnp.einsum("vsb,vb->s", cross, offset))[:, None])[:, 0]
+    step = solve_definite(reduced, (goal - jnp.einsum("vsb,vb->s", cross, offset))[:, None])[:, 0]
     return Unknowns(step * scale.shared, (offset - jnp.einsum("vbs,s->vb", into_shared, step)) * scale.blocks)
-
-
-def _solve_definite(
-    matrix: Float[Array, "*batch size size"], right: Float[Array, "*batch size columns"]
-) -> Float[Array, "*batch size columns"]:
-    factor = lax.linalg.cholesky(matrix, symmetrize_input=False)
-    half = lax.linalg.triangular_solve(factor, right, left_side=True, lower=True)
-    return lax.linalg.triangular_solve(factor, half, left_side=True, lower=True, transpose_a=True)
 
 
 class _State(eqx.Module):
     candidate: Unknowns
     normal: NormalEquations
+    change: Float[Array, ""]
     damping: Float[Array, ""]
     growth: Float[Array, ""]
     done: Bool[Array, ""]
@@ -166,7 +178,7 @@ class NormalLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
 
     Attributes:
         rtol: A step is the last when it moves the residuals by less than this share of what the parameters do to them,
-            or by a millionth of their own size.
+            or the parameters by less than anyone could see in their standard errors.
     """
 
     rtol: float
@@ -187,13 +199,13 @@ class NormalLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         )
         no = jnp.asarray(False)
         first = jnp.asarray(_FIRST_DAMPING, dtype)
-        return _State(y, nothing, first, jnp.asarray(2.0, dtype), no, no)
+        return _State(y, nothing, jnp.zeros((), dtype), first, jnp.asarray(2.0, dtype), no, no)
 
     def step(self, fn, y, args, options, state: _State, tags):
         """Judges the candidate, and proposes the next."""
         del tags
         eps = epsilon(y.shared.dtype)
-        there = normal_equations(*jacobian_rows(lambda unknowns: fn(unknowns, args)[0], state.candidate))
+        there, residual = normal_equations(lambda unknowns: fn(unknowns, args)[0], state.candidate)
         old = state.normal
         moved = jax.tree.map(jnp.subtract, state.candidate, y)
         predicted = -(_dot(old.gradient, moved) + 0.5 * old.curvature(moved))
@@ -219,7 +231,10 @@ class NormalLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
 
         change = jnp.sqrt(jnp.maximum(normal_free.curvature(step), 0))
         effect = jnp.sqrt(_dot(normal.diagonal(), jax.tree.map(jnp.square, y)))
-        nothing_left = (change <= self.rtol * effect) | (change <= _IMMATERIAL * jnp.sqrt(2 * normal.loss))
+        noise = jnp.sqrt(2 * normal.loss / residual.size)
+        # After a full step the next is shorter by the same ratio at least.
+        left = change * jnp.where(accept & (change < state.change), change / state.change, 1)
+        nothing_left = (change <= self.rtol * effect) | (left <= _IMMATERIAL * noise)
         small = regular & (damping < 1e-2) & nothing_left
         expected = -(_dot(normal_free.gradient, step) + 0.5 * normal_free.curvature(step))
         in_rounding = regular & ~accept & (expected <= 8 * eps * normal.loss)
@@ -228,7 +243,7 @@ class NormalLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         hopeless = (damping > _LARGEST_DAMPING) | ~started
         # A step too small to matter is taken unseen: there is nothing an evaluation could say against it.
         y = _where(small, candidate, y)
-        state = _State(candidate, normal, damping, growth, done, hopeless & ~done)
+        state = _State(candidate, normal, change, damping, growth, done, hopeless & ~done)
         return y, state, None
 
     def terminate(self, fn, y, args, options, state: _State, tags):

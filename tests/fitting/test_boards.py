@@ -1,5 +1,8 @@
 """Calibration from boards: OpenCV and SciPy beside it, exact views, honest errors, held-out views, poses, failures."""
 
+import re
+import warnings
+
 import cv2
 import jax
 import jax.numpy as jnp
@@ -378,8 +381,11 @@ def test_parallel_boards_are_rank_deficient(x64, noise):
 
 def test_too_many_coefficients_are_not_identified(x64):
     lens = jl.BrownConrady(np.zeros(8))
-    with pytest.warns(FitWarning, match="k1, k2.* are not identified"):
+    # So far from any real lens, whether it folds over in the picture's last corner is up to rounding.
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always", FitWarning)
         fit = calibrate(lens, Boards(BOARD, NOISY), SIZE)
+    assert re.search("k1, k2.* are not identified", str(seen[0].message))
     by_name = dict(zip(fit.names, np.asarray(fit.unidentified), strict=True))
     assert by_name["k1"]
     assert by_name["k4"]

@@ -15,6 +15,9 @@ NAMES = ("kappa1", "kappa2", "center_x")
 def _fit(**changes):
     """A fit of known numbers, made by hand: what is reported does not depend on how it was found."""
     errors = np.array([2e-3, 4e-3, 1e-3])
+    # Two columns of J at an angle such that the condition number is 7.04, and a third at right angles to both.
+    cosine = (7.04**2 - 1) / (7.04**2 + 1)
+    information = np.array([[1.0, cosine, 0.0], [cosine, 1.0, 0.0], [0.0, 0.0, 1.0]])
     correlation = np.array([[1.0, -0.96, 0.1], [-0.96, 1.0, 0.0], [0.1, 0.0, 1.0]])
     known = {
         "lens": jl.RadialPolynomial(jnp.array([-0.2, 0.05]), center=jnp.array([0.02, 0.0])),
@@ -23,9 +26,8 @@ def _fit(**changes):
         "names": NAMES,
         "values": jnp.array([-0.2, 0.05, 0.02]),
         "covariance": jnp.asarray(errors[:, None] * errors * correlation),
-        "condition_number": jnp.asarray(7.04),
+        "information": jnp.asarray(information),
         "inflation": jnp.array([12.9, 12.8, 1.0]),
-        "weakest_direction": jnp.array([0.7, 0.71, 0.01]),
         "residuals": jnp.zeros((40, 2)),
         "rms": jnp.asarray(1.25e-3),
         "per_view_rms": None,
@@ -127,7 +129,7 @@ def test_a_failure_is_raised_unless_told_otherwise(x64, status, message):
 
 
 def test_one_parameter_that_is_not_determined(x64):
-    fit = _fit(status=jnp.asarray(3), weakest_direction=jnp.array([0.0, 0.0, -1.0]))
+    fit = _fit(status=jnp.asarray(3), information=jnp.diag(jnp.array([1.0, 1.0, 1e-20])))
     assert "the data do not determine center_x (condition" in explain(fit)
 
 
