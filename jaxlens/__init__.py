@@ -7,10 +7,14 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from jaxlens import calibrations as calibrations
+    from jaxlens import deformations as deformations
     from jaxlens import diagnostics as diagnostics
     from jaxlens import fitting as fitting
     from jaxlens import images as images
     from jaxlens import metrics as metrics
+    from jaxlens import projections as projections
+    from jaxlens import self_calibration as self_calibration
+    from jaxlens import surfaces as surfaces
     from jaxlens.frames import Frame as Frame
     from jaxlens.lenses import BrownConrady as BrownConrady
     from jaxlens.lenses import Division as Division
@@ -32,7 +36,17 @@ if TYPE_CHECKING:
     from jaxlens.warping import warp as warp
 
 # The same names for the interpreter, module by module; a test holds the two lists together.
-_MODULES = ("calibrations", "diagnostics", "fitting", "images", "metrics")
+_MODULES = (
+    "calibrations",
+    "deformations",
+    "diagnostics",
+    "fitting",
+    "images",
+    "metrics",
+    "projections",
+    "self_calibration",
+    "surfaces",
+)
 _NAMES = {
     "frames": ("Frame",),
     "lenses": ("BrownConrady", "Division", "Lens", "RadialLens", "RadialPolynomial"),

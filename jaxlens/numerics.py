@@ -6,7 +6,8 @@ from typing import TypeVar, cast
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jax.core import Tracer
+from jaxtyping import Array, ArrayLike, Float, PyTree
 
 Method = TypeVar("Method", bound=Callable)
 
@@ -14,6 +15,11 @@ Method = TypeVar("Method", bound=Callable)
 def jitted(method: Method) -> Method:
     """Is `jax.jit`, for methods: type checkers still see the method, which a subclass may override."""
     return cast(Method, jax.jit(method))
+
+
+def is_concrete(*trees: PyTree) -> bool:
+    """Tells whether the numbers are known, or stand for later ones under `jax.jit` or `jax.vmap`."""
+    return not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees))
 
 
 def as_floating(values: ArrayLike | Sequence) -> Array:

@@ -9,15 +9,30 @@ import sys
 import pytest
 
 import jaxlens as jl
-from jaxlens import calibrations, diagnostics, fitting, images, maps, metrics
+from jaxlens import (
+    calibrations,
+    deformations,
+    diagnostics,
+    fitting,
+    images,
+    maps,
+    metrics,
+    projections,
+    self_calibration,
+    surfaces,
+)
 
 PACKAGE = pathlib.Path(jl.__file__).parent
 MODULES = {
     "calibrations": calibrations,
+    "deformations": deformations,
     "diagnostics": diagnostics,
     "fitting": fitting,
     "images": images,
     "metrics": metrics,
+    "projections": projections,
+    "self_calibration": self_calibration,
+    "surfaces": surfaces,
 }
 
 
@@ -132,10 +147,14 @@ def test_every_argument_and_result_is_annotated(name):
     assert name in CONSTRUCTORS or signature.return_annotation is not inspect.Signature.empty
 
 
+# What may be left out, and yet is data rather than an option.
+DATA = {"mask", "spacing", "weights", "lower", "upper", "origin", "axes", "source"}
+
+
 @pytest.mark.parametrize("name", [*CALLABLES, *CONSTRUCTORS])
 def test_options_are_given_by_keyword(name):
     for parameter in inspect.signature((CALLABLES | CONSTRUCTORS)[name]).parameters.values():
-        if parameter.default is not inspect.Parameter.empty:
+        if parameter.default is not inspect.Parameter.empty and parameter.name not in DATA:
             assert parameter.kind is inspect.Parameter.KEYWORD_ONLY, parameter.name
 
 

@@ -6,19 +6,13 @@ from typing import get_args
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, PyTree
 
 from jaxlens.fitting._robust import Loss
-from jaxlens.numerics import as_floating
+from jaxlens.numerics import as_floating, is_concrete
 
 Bounds = Mapping[str, tuple[float, float]]
 """The smallest and largest value of parameters, by the names that `Fit.names` lists."""
-
-
-def is_concrete(*trees: PyTree) -> bool:
-    """Tells whether the numbers are known, or stand for later ones under `jax.jit` or `jax.vmap`."""
-    return not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees))
 
 
 def common_dtype(*trees: PyTree) -> jnp.dtype:

@@ -9,7 +9,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, ArrayLike, Bool, Float, PyTree, Shaped
 
-from jaxlens.fitting._arguments import Bounds, bound_vectors, check_loss, common_dtype, is_concrete
+from jaxlens.fitting._arguments import Bounds, bound_vectors, check_loss, common_dtype
 from jaxlens.fitting._parameters import Choice, Selection, choose, in_dtype, lens_mask
 from jaxlens.fitting._problem import Minimum, Problem, assess, minimize, report
 from jaxlens.fitting._result import Fit, FitStatus, checked
@@ -17,7 +17,7 @@ from jaxlens.fitting._robust import Loss, robustify
 from jaxlens.fitting._solver import Unknowns
 from jaxlens.frames import Frame
 from jaxlens.lenses import Lens
-from jaxlens.numerics import split
+from jaxlens.numerics import is_concrete, split
 from jaxlens.pyramid import halved
 from jaxlens.sampling import interpolate
 from jaxlens.warping import frame_for, pixel_grid

@@ -8,10 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from jaxlens.fitting._arguments import is_concrete
 from jaxlens.fitting._poses import Poses
 from jaxlens.frames import Frame
 from jaxlens.lenses import Lens
+from jaxlens.numerics import is_concrete
 
 # A coefficient whose variance the others inflate more than this is traded against them, not measured: its own columns
 # of the Jacobian agree with a combination of the others' to one part in a thousand.

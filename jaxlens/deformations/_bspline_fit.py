@@ -1,0 +1,110 @@
+"""A B-spline field through scattered correspondences, as smooth as they allow."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, ArrayLike, Float
+
+from jaxlens.deformations._arguments import as_correspondences, is_concrete
+from jaxlens.deformations._bspline import BSplineField, energy_terms
+from jaxlens.numerics import epsilon, split
+
+
+def fit_bspline_field(
+    source: Float[ArrayLike, "points 2"],
+    target: Float[ArrayLike, "points 2"],
+    *,
+    cells: tuple[int, int],
+    lower: ArrayLike | list | tuple,
+    upper: ArrayLike | list | tuple,
+    penalty: Float[ArrayLike, ""],
+    weights: Float[ArrayLike, " points"] | None = None,
+) -> BSplineField:
+    """Finds the B-spline field that takes source to target points, by penalized least squares.
+
+    It minimizes the weighted mean of `|source + d(source) − target|²`, plus `penalty` times the bending energy of d: the mean
+    over the rectangle of |d_xx|² + 2 |d_xy|² + |d_yy|² (that of a thin plate; `BSplineField.bending_energy`). Both are
+    means: the penalty means the same whatever the number of points and of cells. Solved directly, in
+    time and memory that grow with the cube and the square of (nx + 3)(ny + 3): some 40 × 40 cells.
+
+    Args:
+        source: `(N, 2)` points, (x, y) order; one outside the rectangle counts at the nearest point of its border.
+        target: `(N, 2)`, where they are to go.
+        cells: nx and ny, the number of cells along x and y.
+        lower: (x_min, y_min) of the rectangle.
+        upper: (x_max, y_max).
+        penalty: Above 0, in units of length to the fourth power: with points everywhere, waves in the displacement that are
+            shorter than 2π penalty^(1/4) are smoothed away, longer ones kept.
+        weights: `(N,)`, relative weights of the points, ones by default. Points of weight zero do not count, and may be
+            NaN.
+
+    Returns:
+        The field, in the widest dtype of the data. Differentiable with respect to points, weights, penalty and rectangle.
+        Under `jax.jit` and `jax.vmap`, where nothing can be raised, its coefficients are NaN if the data do not determine it.
+
+    Raises:
+        ValueError: shapes that do not fit, points that are not finite, a penalty that is not positive, or data that
+            leave the field undetermined: points on one line, or a penalty so small that rounding drowns it.
+
+    Example:
+        >>> import jax, jax.numpy as jnp, jaxlens as jl
+        >>> source = jax.random.uniform(jax.random.key(0), (200, 2))
+        >>> target = source + 0.1 * jnp.sin(3 * source[:, ::-1])
+        >>> field = jl.deformations.fit_bspline_field(
+        ...     source, target, cells=(4, 4), lower=(0, 0), upper=(1, 1), penalty=1e-5
+        ... )
+        >>> bool(jnp.max(jnp.abs(field(source) - target)) < 1e-2)
+        True
+    """
+    source, target, weights = as_correspondences(source, target, weights)
+    if min(cells) < 1:
+        raise ValueError(f"cells must be two numbers of one or more, along x and y, got {cells}")
+    if is_concrete(penalty) and not 0 < float(np.asarray(penalty)) < np.inf:
+        raise ValueError(f"penalty must be a finite number above 0, got {penalty}")
+    zero = jnp.zeros((cells[0] + 3, cells[1] + 3, 2), jnp.result_type(source, target, weights))
+    field = _fit(BSplineField(zero, lower, upper), source, target, weights, penalty)
+    if is_concrete(field) and not np.isfinite(np.asarray(field.coefficients)).all():
+        raise ValueError(
+            f"the points do not determine a field of {cells[0]} × {cells[1]} cells with penalty {penalty}: at least three "
+            "are needed that do not lie on one line; if there are, raise the penalty, or take double precision"
+        )
+    return field
+
+
+@partial(jax.jit)
+def _fit(field: BSplineField, source: Array, target: Array, weights: Array, penalty: Array) -> BSplineField:
+    dtype = field.coefficients.dtype
+    source, target, weights = (values.astype(dtype) for values in (source, target, weights))
+    used = weights > 0
+    weights = jnp.where(used, weights, 0) / jnp.sum(weights)
+    source, target = jnp.where(used[:, None], source, 0), jnp.where(used[:, None], target, 0)
+    columns, rows = field.taps(source)
+    count = field.coefficients.shape[1]
+    index = jnp.stack([column * count + row for column, _ in columns for row, _ in rows], axis=-1)
+    basis = jnp.stack([across * down for _, across in columns for _, down in rows], axis=-1)
+
+    size = field.coefficients.shape[0] * count
+    data = jnp.zeros((size, size), dtype)
+    data = data.at[index[:, :, None], index[:, None, :]].add(
+        weights[:, None, None] * basis[:, :, None] * basis[:, None, :]
+    )
+    right = jnp.zeros((size, 2), dtype).at[index].add(
+        (weights[:, None] * basis)[:, :, None] * (target - source)[:, None, :]
+    )
+    energy = sum(jnp.kron(along_x, along_y) for along_x, along_y in energy_terms(field.cells, field.upper - field.lower))
+    solution = _solve_definite(data + jnp.asarray(penalty, dtype) * energy.astype(dtype), right)
+    return BSplineField(solution.reshape(field.coefficients.shape), field.lower, field.upper)
+
+
+def _solve_definite(matrix: Float[Array, "size size"], right: Float[Array, "size 2"]) -> Float[Array, "size 2"]:
+    """Solves by Cholesky's decomposition; NaN where the matrix is singular to rounding."""
+    scale = lax.rsqrt(jnp.diagonal(matrix))
+    factor = lax.linalg.cholesky(matrix * scale[:, None] * scale[None], symmetrize_input=False)
+    half = lax.linalg.triangular_solve(factor, right * scale[:, None], left_side=True, lower=True)
+    whole = lax.linalg.triangular_solve(factor, half, left_side=True, lower=True, transpose_a=True)
+    # What is left of a column after those before it are taken out of it: of length one before.
+    regular = jnp.min(jnp.diagonal(factor)) ** 2 > matrix.shape[0] * epsilon(matrix.dtype)
+    return jnp.where(regular, whole * scale[:, None], jnp.nan)

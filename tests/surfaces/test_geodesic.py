@@ -1,0 +1,217 @@
+"""Geodesic distances: planes and spheres in closed form, exact polyhedral geodesics, masks, derivatives, failures."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jaxlens.surfaces._geodesic import geodesic_distance
+
+from jaxlens.surfaces import DepthMap
+
+HEIGHT, WIDTH = 24, 31
+ROWS, COLUMNS = np.mgrid[:HEIGHT, :WIDTH].astype(float)
+
+
+def _plane(p, q, spacing):
+    dx, dy = spacing
+    return DepthMap(3 + p * dx * COLUMNS + q * dy * ROWS, spacing=spacing)
+
+
+def _straight(depth_map, source, p, q):
+    """The distance on a plane."""
+    dx, dy = np.asarray(depth_map.spacing)
+    x, y = (COLUMNS - source[0]) * dx, (ROWS - source[1]) * dy
+    return np.sqrt(x * x + y * y + (p * x + q * y) ** 2)
+
+
+def _cap(size, source, reach=0.9):
+    """A cap of a sphere that fills the picture, and the great circles' lengths; `source` from the middle, in radii."""
+    middle = (size - 1) / 2
+    radius = middle / reach
+    y, x = np.mgrid[:size, :size] - middle
+    mask = x * x + y * y <= middle**2
+    z = np.sqrt(np.where(mask, radius**2 - x * x - y * y, 0))
+    s = middle * np.array([*source, np.sqrt(reach**-2 - np.sum(np.square(source)))])
+    points = np.stack([x, y, z], -1)
+    angle = np.arctan2(np.linalg.norm(np.cross(points, s), axis=-1), points @ s)
+    return DepthMap(z, mask), (s[0] + middle, s[1] + middle), radius * angle
+
+
+def _bumps(rows, columns):
+    return 3 * np.sin(0.31 * columns + 0.2) * np.cos(0.23 * rows) + 0.2 * columns
+
+
+@pytest.mark.parametrize(
+    ("p", "q", "spacing", "source"),
+    [
+        (0.0, 0.0, (1.0, 1.0), (0.0, 0.0)),
+        (0.7, -1.9, (1.3, 0.4), (17.3, 11.8)),
+        (-6.0, 5.0, (0.02, 0.03), (30.4, 23.4)),
+    ],
+)
+def test_planes_are_exact(x64, p, q, spacing, source):
+    depth_map = _plane(p, q, spacing)
+    expected = _straight(depth_map, source, p, q)
+    np.testing.assert_allclose(geodesic_distance(depth_map, source), expected, rtol=1e-10, atol=1e-10 * max(spacing))
+
+
+def test_planes_in_single_precision():
+    depth_map = _plane(np.float32(0.7), np.float32(-0.9), (1.3, 0.8))
+    depth_map = DepthMap(np.asarray(depth_map.depth, np.float32), spacing=(1.3, 0.8))
+    found = geodesic_distance(depth_map, (17.3, 11.8))
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(found, _straight(depth_map, (17.3, 11.8), 0.7, -0.9), rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("source", [(0.0, 0.0), (0.3, 0.17), (0.5, -0.4)])
+def test_a_sphere_and_the_order(x64, source):
+    """Slopes up to 2; halving the spacing halves the error."""
+    errors = []
+    for size in (32, 64):
+        depth_map, pixel, expected = _cap(size, source)
+        found = np.asarray(geodesic_distance(depth_map, pixel))
+        mask = np.asarray(depth_map.mask)
+        assert np.array_equal(np.isnan(found), ~mask)
+        far = mask & (expected > 2)
+        errors.append(np.max(np.abs(found - expected)[far] / expected[far]))
+    assert errors[0] < 2.5e-3
+    assert errors[1] < 0.6 * errors[0]
+
+
+def test_several_sources(x64):
+    depth_map, pixel, _ = _cap(32, (0.3, 0.17))
+    sources = np.array([pixel, (9.0, 20.5), (16.0, 3.0)])
+    nearest = np.min([geodesic_distance(depth_map, source) for source in sources], axis=0)
+    np.testing.assert_allclose(geodesic_distance(depth_map, sources), nearest, rtol=1e-12)
+
+
+def test_exact_geodesics_of_the_polyhedron(x64):
+    """Against the exact algorithm (Mitchell, Mount and Papadimitriou) on a triangulation of the same pixels."""
+    geodesic = pytest.importorskip("pygeodesic.geodesic")
+    depth = _bumps(ROWS, COLUMNS)
+    index = np.arange(depth.size).reshape(depth.shape)
+    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
+    falling = (ROWS + COLUMNS)[:-1, :-1] % 2 == 0
+    faces = np.concatenate(
+        [
+            np.stack(corners, -1)[where]
+            for corners, where in (((a, b, d), falling), ((a, d, c), falling), ((a, b, c), ~falling), ((b, d, c), ~falling))
+        ]
+    )
+    points = np.stack([COLUMNS, ROWS, depth], -1).reshape(-1, 3)
+    exact = geodesic.PyGeodesicAlgorithmExact(points, faces.astype(np.int32))
+    source = (8, 15)
+    expected = exact.geodesicDistances(np.array([index[source[1], source[0]]]), None)[0].reshape(depth.shape)
+    found = np.asarray(geodesic_distance(DepthMap(depth), source))
+    far = expected > 0
+    relative = np.abs(found - expected)[far] / expected[far]
+    assert np.mean(relative) < 3e-3
+    assert np.max(relative) < 2e-2
+
+
+def test_around_a_wall(x64):
+    """A wall with an end: behind it the shortest way is broken at the wall's corner."""
+    mask = np.ones((HEIGHT, WIDTH), bool)
+    mask[8:, 15] = False
+    depth_map = DepthMap(0.5 * COLUMNS, mask)
+    found = np.asarray(geodesic_distance(depth_map, (5.0, 20.0)))
+    length = lambda x, y: np.hypot(np.hypot(x, y), 0.5 * x)  # noqa: E731
+    # Round the pixel (15, 7), the last that may be stepped on; ways along the wall go by whole pixels.
+    expected = length(10, 13) + length(COLUMNS - 15, ROWS - 7)
+    behind = (COLUMNS > 15) & (ROWS > 12)
+    np.testing.assert_allclose(found[behind], expected[behind], rtol=2e-2)
+    assert np.all(found[behind] > 0.999 * expected[behind])
+    np.testing.assert_allclose(found[:, :15], length(COLUMNS - 5, ROWS - 20)[:, :15], rtol=1e-10)
+
+
+def test_outside_and_out_of_reach(x64):
+    mask = np.ones((HEIGHT, WIDTH), bool)
+    mask[:, 15] = False
+    depth = np.where(mask, 0.0, np.nan)
+    found = np.asarray(geodesic_distance(DepthMap(depth), (3.0, 4.0)))
+    assert np.all(np.isfinite(found[:, :15]))
+    assert np.all(np.isnan(found[:, 15]))
+    assert np.all(np.isposinf(found[:, 16:]))
+
+
+def test_derivatives(x64):
+    """Forward, reverse and central differences, by the depth, the spacing and the source."""
+    depth = jnp.asarray(_bumps(ROWS, COLUMNS))
+    random = np.random.default_rng(0)
+    mask = jnp.asarray(np.hypot(ROWS - 12, COLUMNS - 15) < 11.3)
+    weights = jnp.asarray(random.normal(size=depth.shape))
+    arguments = depth, jnp.array([1.1, 0.9]), jnp.array([12.3, 10.2])
+    direction = (
+        jnp.asarray(random.normal(size=depth.shape)),
+        jnp.asarray(random.normal(size=2)),
+        jnp.asarray(random.normal(size=2)),
+    )
+
+    @jax.jit
+    def total(depth, spacing, source):
+        distance = geodesic_distance(DepthMap(depth, mask, spacing), source)
+        return jnp.sum(jnp.where(mask, weights * distance, 0))
+
+    forward = jax.jit(lambda *dots: jax.jvp(total, arguments, dots)[1])
+    gradients = jax.jit(jax.grad(total, argnums=(0, 1, 2)))(*arguments)
+    assert all(bool(jnp.all(jnp.isfinite(gradient))) for gradient in gradients)
+    assert bool(jnp.all(jnp.where(mask, 0, gradients[0]) == 0))
+    zeros = jax.tree.map(jnp.zeros_like, direction)
+    for k in range(3):
+        dots = tuple(direction[i] if i == k else zeros[i] for i in range(3))
+        derivative = float(forward(*dots))
+        np.testing.assert_allclose(jnp.sum(gradients[k] * direction[k]), derivative, rtol=1e-9)
+        step = 1e-6
+        ahead, behind = (
+            total(*(argument + sign * step * dot for argument, dot in zip(arguments, dots, strict=True)))
+            for sign in (1, -1)
+        )
+        # The sweeps hold the best share between two neighbours in closed form, the derivatives in full.
+        np.testing.assert_allclose(float(ahead - behind) / (2 * step), derivative, rtol=2e-3)
+
+
+def test_jit_and_vmap(x64):
+    depths = jnp.stack([jnp.asarray(_bumps(ROWS, COLUMNS)), jnp.asarray(0.3 * COLUMNS)])
+    sources = jnp.array([[3.0, 4.0], [20.0, 11.5]])
+    together = jax.vmap(lambda depth, source: geodesic_distance(DepthMap(depth), source))(depths, sources)
+    for depth, source, found in zip(depths, sources, together, strict=True):
+        np.testing.assert_allclose(found, geodesic_distance(DepthMap(depth), source), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        ((np.nan, 2.0), "must be finite"),
+        ((-0.6, 2.0), r"source \(-0.6, 2\) lies outside the picture of 31×24 pixels"),
+        ((10.0, 10.0), r"outside the mask: there is no surface at pixel \(10, 10\)"),
+        ((1.0, 2.0, 3.0), "last axis"),
+        ((1.0,), r"\(x, y\)"),
+        (np.zeros((2, 2, 2)), r"\(K, 2\)"),
+    ],
+)
+def test_sources_that_do_not_fit(x64, source, message):
+    mask = np.ones((HEIGHT, WIDTH), bool)
+    mask[10, 10] = False
+    with pytest.raises(ValueError, match=message.replace("last axis", "shape")):
+        geodesic_distance(DepthMap(np.zeros((HEIGHT, WIDTH)), mask), source)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((np.zeros(3),), r"shape \(H, W\)"),
+        ((np.zeros((2, 3)), np.ones((3, 2), bool)), "booleans of the depth's shape"),
+        ((np.array([[0.0, np.nan]]), np.ones((1, 2), bool)), "finite inside the mask, got nan at row 0, column 1"),
+        ((np.zeros((2, 3)), None, -1.0), "spacing must be positive"),
+        ((np.zeros((2, 3)), None, np.ones(3)), r"\(dx, dy\)"),
+    ],
+)
+def test_depth_maps_that_do_not_fit(x64, arguments, message):
+    with pytest.raises(ValueError, match=message):
+        DepthMap(*arguments)
+
+
+def test_a_depth_map_is_finite_and_knows_its_points(x64):
+    depth_map = DepthMap(np.array([[1.0, np.nan], [2.0, 3.0]]), spacing=(0.5, 2.0))
+    assert depth_map.mask.tolist() == [[True, False], [True, True]]
+    assert depth_map.points().tolist() == [[[0, 0, 1], [0.5, 0, 0]], [[0, 2, 2], [0.5, 2, 3]]]
