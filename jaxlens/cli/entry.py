@@ -21,7 +21,17 @@ from typing import Any, NoReturn
 from jaxlens.cli.errors import CommandError, describe_unexpected, wants_traceback
 from jaxlens.cli.messages import say
 
-COMMANDS = ("sweep", "distort", "undistort", "compare", "fit points", "fit lines", "fit images", "calibrate")
+COMMANDS = (
+    "sweep",
+    "reproduce",
+    "distort",
+    "undistort",
+    "compare",
+    "fit points",
+    "fit lines",
+    "fit images",
+    "calibrate",
+)
 """In the order of the help; each is a module here, its words joined by `_`, with `Arguments`, `HELP` and `run`."""
 
 _HELP = """Lenses for pictures: apply a lens, remove it, find it, compare, run the experiments.
@@ -33,6 +43,7 @@ Examples:
   jaxlens fit images photo.jpg distorted.jpg --output lens.json
   jaxlens calibrate boards/*.jpg --board 9x6 --output camera.json
   jaxlens sweep experiments/table1.toml
+  jaxlens reproduce experiments/
   jaxlens distort --help
   jaxlens --version"""
 _FIT_HELP = """Find a lens by least squares, from what it did.

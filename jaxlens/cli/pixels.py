@@ -1,7 +1,7 @@
 """Pixels through a lens: what `jaxlens distort` and `jaxlens undistort` compute."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache, partial
 from typing import Literal
@@ -17,39 +17,48 @@ from jaxlens.frames import Frame
 from jaxlens.lenses import Lens, RadialLens, RadialPolynomial
 from jaxlens.maps import CoordinateMap, OneToOne
 from jaxlens.sampling import Border, Method
-from jaxlens.warping import distort_image, source_coordinates, undistort_image
+from jaxlens.warping import source_coordinates
+from jaxlens.warping import warp as warp_image
 
 Direction = Literal["distort", "undistort"]
 Rectangle = tuple[int, int, int, int]
 
-_WARPS = {"distort": distort_image, "undistort": undistort_image}
 # Large pictures are made in strips of about so many pixels, and at least so many rows, so that what is computed on the
 # way (some 100 bytes a pixel) does not grow with them.
 _STRIP_PIXELS = 2**24
 _STRIP_ROWS = 16
 
 
-@dataclass(frozen=True)
-class Warp:
+@dataclass(frozen=True, kw_only=True)
+class Sampling:
+    """How a picture is read between its pixels, and beside them.
+
+    Attributes:
+        method: As in `jaxlens.remap`.
+        border: As in `jaxlens.remap`.
+        fill: One value, or one for each channel; None for black, or transparent where there is alpha.
+        antialias: As in `jaxlens.remap`.
+    """
+
+    method: Method = "bilinear"
+    border: Border = "constant"
+    fill: tuple[float, ...] | None = None
+    antialias: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Warp(Sampling):
     """A lens, a direction, and how to sample; hashable, so that what depends on it and a size is computed once.
 
     Attributes:
         direction: Apply the lens, or remove it.
         kappa: Its coefficients.
-        method: As in `jaxlens.remap`.
-        border: As in `jaxlens.remap`.
-        fill: One value, or one for each channel; None for black, or transparent where there is alpha.
-        antialias: As in `jaxlens.remap`.
         center: Of the lens, (x, y) in pixels; None for Eq. 10's.
         calibration: Another lens with a frame of its own, in place of `kappa` and `center`.
     """
 
     direction: Direction
     kappa: tuple[float, ...] = ()
-    method: Method = "bilinear"
-    border: Border = "constant"
-    fill: tuple[float, ...] | None = None
-    antialias: bool = False
     center: tuple[float, float] | None = None
     calibration: Calibration | None = None
 
@@ -75,7 +84,24 @@ class Fold:
 
 
 def warp_pixels(pixels: Shaped[np.ndarray, "height width *channels"], warp: Warp) -> np.ndarray:
-    """Puts a picture through a lens.
+    """Puts a picture through a lens; as `pull_back`."""
+    height, width = pixels.shape[:2]
+
+    def place(dtype: type[np.floating]) -> tuple[CoordinateMap, Frame]:
+        lens, frame = _lens_and_frame(warp, height, width, dtype)
+        return _mapping(lens, warp.direction), frame
+
+    return pull_back(pixels, place, warp)
+
+
+def pull_back(
+    pixels: Shaped[np.ndarray, "height width *channels"],
+    place: Callable[[type[np.floating]], tuple[CoordinateMap, Frame]],
+    sampling: Sampling,
+    *,
+    size: tuple[int, int] | None = None,
+) -> np.ndarray:
+    """Warps a picture: each pixel of the result is looked up where a map sends it.
 
     Pixels of up to 16 bits are computed in single precision, others in double. A picture with alpha (2 or 4 channels)
     is interpolated with its colours multiplied by their opacity and divided by it afterwards, so that the colours
@@ -84,37 +110,39 @@ def warp_pixels(pixels: Shaped[np.ndarray, "height width *channels"], warp: Warp
 
     Args:
         pixels: As `jaxlens.images` reads them.
-        warp: What to do.
+        place: Makes, in a dtype, the map from the result to the picture, and the frame of both.
+        sampling: How to read the picture.
+        size: Height and width of the result; those of the picture by default.
 
     Returns:
-        Pixels of the same shape and dtype.
+        Pixels in the picture's dtype.
 
     Raises:
         FillError: the fill value does not fit the picture.
     """
     full = _opaque(pixels)
-    fill = _fill_values(pixels, warp.fill, full)
-    height, width = pixels.shape[:2]
-    warped = np.empty_like(pixels)
+    fill = _fill_values(pixels, sampling.fill, full)
+    height, width = pixels.shape[:2] if size is None else size
+    warped = np.empty((height, width, *pixels.shape[2:]), pixels.dtype)
     with jax.enable_x64(_is_wide(pixels.dtype)):
         dtype = _working_dtype(pixels.dtype)
-        lens, frame = _lens_and_frame(warp, height, width, dtype)
+        mapping, frame = place(dtype)
         source, outside = jnp.asarray(pixels), jnp.asarray(fill, dtype)
-        blends = _has_alpha(pixels) and (warp.method != "nearest" or warp.antialias)
+        blends = _has_alpha(pixels) and (sampling.method != "nearest" or sampling.antialias)
         if blends:
             source, outside = _premultiplied(source.astype(dtype), full), _premultiplied(outside, full)
         rows = min(height, max(_STRIP_PIXELS // width, _STRIP_ROWS))
         for first, kept in _strips(height, rows):
-            strip = _WARPS[warp.direction](
+            strip = warp_image(
                 source,
-                lens,
+                mapping,
                 frame=frame,
                 output_frame=Frame(frame.center - jnp.asarray([0, first], dtype), frame.scale),
                 shape=(rows, width),
-                method=warp.method,
-                border=warp.border,
+                method=sampling.method,
+                border=sampling.border,
                 fill=outside,
-                antialias=warp.antialias,
+                antialias=sampling.antialias,
             )
             if blends:
                 strip = _straight(strip, full, pixels.dtype)

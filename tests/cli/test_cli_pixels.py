@@ -7,8 +7,8 @@ import jaxlens as jl
 from jaxlens.cli import pixels as module
 from jaxlens.cli.pixels import Warp, find_fold, inner_rectangle, warp_pixels
 
-BARREL = Warp("distort", (-0.2, 0.05))
-PINCUSHION = Warp("undistort", (0.3, 0.0))
+BARREL = Warp(direction="distort", kappa=(-0.2, 0.05))
+PINCUSHION = Warp(direction="undistort", kappa=(0.3, 0.0))
 
 
 def library(pixels, kappa=(0.3, 0.0), **options):
@@ -82,7 +82,7 @@ def test_alpha_itself_is_interpolated_as_a_plane():
 def test_nearest_copies_pixels_with_alpha():
     pixels = smooth("float32", 4)
     pixels[..., 3] = np.linspace(0, 1, 24 * 32, dtype=np.float32).reshape(24, 32)
-    warped = warp_pixels(pixels, Warp("undistort", (0.3, 0.0), method="nearest"))
+    warped = warp_pixels(pixels, Warp(direction="undistort", kappa=(0.3, 0.0), method="nearest"))
     originals = {tuple(pixel) for pixel in pixels.reshape(-1, 4)} | {(0, 0, 0, 0)}
     assert {tuple(pixel) for pixel in warped.reshape(-1, 4)} <= originals
 
@@ -90,7 +90,7 @@ def test_nearest_copies_pixels_with_alpha():
 def test_bicubic_overshoot_stays_in_range():
     pixels = np.zeros((24, 32, 2), np.uint8)
     pixels[:, ::3] = (255, 255)
-    warped = warp_pixels(pixels, Warp("undistort", (0.3, 0.0), method="bicubic"))
+    warped = warp_pixels(pixels, Warp(direction="undistort", kappa=(0.3, 0.0), method="bicubic"))
     assert warped.dtype == np.uint8
     assert set(np.unique(warped[..., 0][warped[..., 1] > 0])) == {255}
 
@@ -113,7 +113,7 @@ def test_bicubic_overshoot_stays_in_range():
 )
 def test_fill(channels, fill, expected):
     fill = None if fill is None else tuple(map(float, fill))
-    warped = warp_pixels(smooth("uint8", channels), Warp("undistort", (3.0, 0.0), fill=fill))
+    warped = warp_pixels(smooth("uint8", channels), Warp(direction="undistort", kappa=(3.0, 0.0), fill=fill))
     np.testing.assert_array_equal(warped[0, 0], expected)
 
 
@@ -129,10 +129,14 @@ def test_fill(channels, fill, expected):
 )
 def test_a_fill_that_does_not_fit(channels, fill, message):
     with pytest.raises(ValueError, match=message):
-        warp_pixels(smooth("uint8", channels), Warp("undistort", (3.0, 0.0), fill=tuple(map(float, fill))))
+        warp_pixels(
+            smooth("uint8", channels), Warp(direction="undistort", kappa=(3.0, 0.0), fill=tuple(map(float, fill)))
+        )
 
 
-@pytest.mark.parametrize(("warp", "channels"), [(PINCUSHION, 4), (Warp("undistort", (0.9, 0.0), antialias=True), 1)])
+@pytest.mark.parametrize(
+    ("warp", "channels"), [(PINCUSHION, 4), (Warp(direction="undistort", kappa=(0.9, 0.0), antialias=True), 1)]
+)
 def test_strips_make_the_same_picture(monkeypatch, warp, channels):
     pixels = smooth("float32", channels)
     whole = warp_pixels(pixels, warp)
@@ -159,18 +163,18 @@ def test_strips_cover_every_row_once(height, rows):
 @pytest.mark.parametrize("shape", [(1, 1), (1, 5), (5, 1)])
 def test_the_smallest_pictures(shape):
     pixels = np.full((*shape, 3), 7, np.uint8)
-    assert warp_pixels(pixels, Warp("undistort", (0.0,))).tolist() == pixels.tolist()
+    assert warp_pixels(pixels, Warp(direction="undistort", kappa=(0.0,))).tolist() == pixels.tolist()
 
 
 def test_antialiasing_reaches_the_library():
     pixels = smooth("uint8", 1)
     pixels[::2] = 0
-    warped = warp_pixels(pixels, Warp("undistort", (0.9, 0.0), antialias=True))
+    warped = warp_pixels(pixels, Warp(direction="undistort", kappa=(0.9, 0.0), antialias=True))
     np.testing.assert_array_equal(warped, library(pixels, (0.9, 0.0), antialias=True))
 
 
 def test_inner_rectangle_of_the_identity():
-    assert inner_rectangle(Warp("undistort", (0.0, 0.0)), 24, 32) == (0, 0, 24, 32)
+    assert inner_rectangle(Warp(direction="undistort", kappa=(0.0, 0.0)), 24, 32) == (0, 0, 24, 32)
 
 
 @pytest.mark.parametrize(
@@ -185,7 +189,7 @@ def test_inner_rectangle_of_the_identity():
     ],
 )
 def test_folds(direction, kappa, radius):
-    fold = find_fold(Warp(direction, kappa), 24, 32)
+    fold = find_fold(Warp(direction=direction, kappa=kappa), 24, 32)
     if radius is None:
         assert fold is None
     else:

@@ -68,7 +68,7 @@ def test_radial_stops_at_the_mask(x64):
     assert np.isnan(found[10, 20])
     assert np.isposinf(found[10, 25])
     np.testing.assert_allclose(found[:, :20], np.hypot(COLUMNS - SOURCE[0], ROWS - SOURCE[1])[:, :20], rtol=1e-12)
-    assert np.isfinite(found[2, 28])
+    assert np.isfinite(found[0, 22])
 
 
 def test_radial_derivatives(x64):

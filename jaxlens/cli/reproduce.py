@@ -1,0 +1,101 @@
+"""`jaxlens reproduce`: run all experiments of a folder, and write the page of their results."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from tyro.conf import Positional, arg
+from tyro.constructors import PrimitiveConstructorSpec
+
+from jaxlens.cli.errors import CommandError, UsageError, describe_unexpected, wants_traceback
+from jaxlens.cli.messages import say
+from jaxlens.cli.options import check_path
+from jaxlens.cli.values import Paths, paths
+
+HELP = """Run all experiments, and write one page of their figures, tables and parameters.
+
+What it does:
+  Results that are up to date stay: same configuration, inputs, source and
+  package versions, and no file changed. What fails or lacks an input is named,
+  and the others are done. Interrupted, it goes on from there the next time.
+  The page, index.html in the results' folder, holds all that it shows.
+
+Examples:
+  jaxlens reproduce experiments/
+  jaxlens reproduce experiments/ --only table1 grids --force
+  jaxlens reproduce my.toml other.toml --output my-results"""
+
+
+class Names(tuple[str, ...]):
+    """Names in the order given; a class for the same reason as `Numbers`."""
+
+
+def _names(metavar: str) -> PrimitiveConstructorSpec[Any]:
+    return PrimitiveConstructorSpec(
+        nargs="*",
+        metavar=metavar,
+        instance_from_str=_read_names,
+        is_instance=lambda value: isinstance(value, Names),
+        str_from_instance=list,
+    )
+
+
+def _read_names(words: list[str]) -> Names:
+    if not words:
+        raise ValueError("it takes at least one name, got none; files come before the options")
+    return Names(words)
+
+
+_FOLDER = Paths([Path("experiments")])
+_ALL = Names()
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Run all experiments, and write the page of their results."""
+
+    configs: Annotated[Paths, Positional, paths("CONFIG..."), arg(help_behavior_hint="(default: experiments)")] = (
+        _FOLDER
+    )
+    """Experiments, TOML files, or folders of them, which are not searched deeper."""
+
+    output: Annotated[Path, arg(metavar="DIR", aliases=["-o"])] = Path("results")
+    """The folder for the page, and for a folder of results for each experiment."""
+
+    only: Annotated[Names, _names("NAME [NAME ...]"), arg(help_behavior_hint="(default: all)")] = _ALL
+    """Run only these experiments, by the names in their files; the page still shows all."""
+
+    force: Annotated[bool, arg(help_behavior_hint="")] = False
+    """Run them even if their results are up to date."""
+
+
+def run(arguments: Arguments) -> int:
+    """Runs the command; returns the exit code."""
+    for path in arguments.configs:
+        check_path(path)
+    from rich.console import Console
+
+    from jaxlens import experiments
+
+    try:
+        done = experiments.reproduce(
+            arguments.configs,
+            output=arguments.output,
+            only=arguments.only,
+            force=arguments.force,
+            console=Console(highlight=False),
+        )
+    except experiments.ConfigError as error:
+        raise UsageError(str(error)) from error
+    except experiments.ExperimentError as error:
+        raise CommandError(str(error)) from error
+    failed = [step for step in done.steps if step.state == "failed"]
+    for step in failed:
+        foreseen = isinstance(step.error, experiments.ConfigError | experiments.ExperimentError)
+        if step.error is not None and not foreseen:
+            if wants_traceback():
+                raise step.error
+            say(f"{step.name}: {describe_unexpected(step.error)}")
+    if failed:
+        say(f"{len(failed)} of {len(done.steps)} experiments failed: {', '.join(step.name for step in failed)}")
+    return 1 if failed else 0
