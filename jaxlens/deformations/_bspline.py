@@ -68,20 +68,17 @@ class BSplineField(CoordinateMap):
     @jitted
     def __call__(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2"]:
         """Displaces points `(..., 2)`."""
-        x, y = split(as_points(points))
-        columns, rows = self.taps(join(x, y))
+        points = as_points(points)
+        columns, rows = self.taps(points)
         height = self.coefficients.shape[1]
-        planes = [self.coefficients[..., axis].ravel() for axis in range(2)]
-        moved = [x, y]
+        # Both coordinates in one gather: twice as fast on the CPU as a plane of each.
+        flat = self.coefficients.reshape(-1, 2)
+        moved = jnp.zeros((), points.dtype)
         for column, across in columns:
             for row, down in rows:
-                weight = across * down
-                index = column * height + row
-                moved = [
-                    position + weight * plane.at[index].get(mode="promise_in_bounds")
-                    for position, plane in zip(moved, planes, strict=True)
-                ]
-        return join(*moved)
+                both = flat.at[column * height + row].get(mode="promise_in_bounds")
+                moved = moved + (across * down)[..., None] * both
+        return points + moved
 
     def taps(
         self, points: Float[Array, "*batch 2"]

@@ -8,7 +8,7 @@ import os
 import tomllib
 import types
 import typing
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -44,18 +44,33 @@ class Configuration:
     picture: Path | None = None
 
     def digest(self) -> str:
-        """Returns the SHA-256 of what the configuration says, defaults included, comments and layout not."""
+        """Returns the SHA-256 of what decides the results, defaults included; comments, layout and captions are not."""
         return hashlib.sha256(json.dumps(self.as_dict(), sort_keys=True).encode()).hexdigest()
 
     def as_dict(self) -> dict[str, Any]:
-        """Returns the configuration as plain data, defaults included."""
-        return self.experiment.model_dump(mode="json", exclude_none=True)
+        """Returns what decides the results as plain data, defaults included."""
+        experiment = self.experiment
+        return experiment.model_dump(mode="json", exclude_none=True, exclude=set(experiment.presentation))
 
     def image_path(self, image: Image) -> Path | None:
         """Returns where an image's file lies, if it is one."""
         if image.path is None:
             return None
-        return self.path.parent / image.path if self.picture is None else self.picture
+        if self.picture is None or image.path != self.picture.name:
+            return self.path.parent / image.path
+        return self.picture
+
+    def input_files(self) -> dict[str, Path]:
+        """Returns the files that the experiment reads, by the keys that name them; not those of installed packages."""
+        return {key: path for key, _, path, _ in _inputs(self)}
+
+    def missing_input(self) -> str | None:
+        """Says which file that the experiment reads is not there; None if all are."""
+        for key, value, path, noun in _inputs(self):
+            if not path.is_file():
+                place = "a relative path is taken from the configuration's folder"
+                return f"{key}: got {_show(value)}; there is no such {noun} ({place})"
+        return None
 
     def with_image(self, path: str | os.PathLike[str]) -> "Configuration":
         """Returns the experiment with one picture file, all of it, in place of its images.
@@ -77,17 +92,19 @@ class Configuration:
         return Configuration(experiment.model_copy(update=change), self.path, path)
 
 
-def load(path: str | os.PathLike[str], *, image: str | os.PathLike[str] | None = None) -> Configuration:
+def load(
+    path: str | os.PathLike[str], *, image: str | os.PathLike[str] | None = None, inputs: bool = True
+) -> Configuration:
     """Reads and checks an experiment's file.
 
     Args:
         path: The TOML file.
         image: A picture file to take in place of the configured image: the whole picture, with the configured
             `gray` and `peak`.
+        inputs: Check that the files that it names are there.
 
     Raises:
-        ConfigError: the file, or a picture that it names, is not there; it is not TOML; or a key or value is not
-            allowed.
+        ConfigError: the file, or one that it names, is not there; it is not TOML; or a key or value is not allowed.
     """
     path = Path(path)
     try:
@@ -103,7 +120,9 @@ def load(path: str | os.PathLike[str], *, image: str | os.PathLike[str] | None =
     configuration = Configuration(_parse(document, path), path)
     if image is not None:
         return configuration.with_image(image)
-    _check_files(configuration)
+    missing = configuration.missing_input() if inputs else None
+    if missing is not None:
+        raise ConfigError(f"{path}: {missing}")
     return configuration
 
 
@@ -119,26 +138,19 @@ def _parse(document: dict[str, Any], path: Path) -> Experiment:
         raise ConfigError("\n".join(dict.fromkeys(lines))) from None
 
 
-def _check_files(configuration: Configuration) -> None:
+def _inputs(configuration: Configuration) -> Iterator[tuple[str, str, Path, str]]:
+    """Key, value, place and nature of each file that an experiment reads."""
     experiment = configuration.experiment
-    if isinstance(experiment, GridsExperiment):
-        return
     if isinstance(experiment, BoardsExperiment):
-        if not (configuration.path.parent / experiment.corners).is_file():
-            raise ConfigError(
-                f"{configuration.path}: corners: got {_show(experiment.corners)}; there is no such CSV file "
-                "(a relative path is taken from the configuration's folder)"
-            )
-        return
-    several = isinstance(experiment, ReadingsExperiment)
-    for index, image in enumerate(experiment.images if several else [experiment.image]):
-        path = configuration.image_path(image)
-        if path is not None and not path.is_file():
-            key = f"images[{index}].path" if several else "image.path"
-            raise ConfigError(
-                f"{configuration.path}: {key}: got {_show(image.path)}; there is no such picture file "
-                "(a relative path is taken from the configuration's folder)"
-            )
+        yield "corners", experiment.corners, configuration.path.parent / experiment.corners, "CSV file"
+    for name, value in experiment:
+        images = (
+            {f"{name}[{index}]": one for index, one in enumerate(value)} if isinstance(value, list) else {name: value}
+        )
+        for key, image in images.items():
+            path = configuration.image_path(image) if isinstance(image, Image) else None
+            if path is not None:
+                yield f"{key}.path", str(image.path), path, "picture file"
 
 
 def _explain(detail: ErrorDetails, model: type[BaseModel], document: Any) -> str:

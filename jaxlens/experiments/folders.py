@@ -71,7 +71,7 @@ def check_target(target: Path, experiment: str) -> None:
     if not present:
         return
     advice = "choose another place for the results, or empty that folder yourself"
-    manifest = _read_manifest(target)
+    manifest = read_manifest(target)
     if manifest is None:
         raise ExperimentError(f"{where} holds files that no experiment wrote ({_some(present)}); {advice}")
     if manifest.get("experiment") != experiment:
@@ -84,7 +84,8 @@ def check_target(target: Path, experiment: str) -> None:
         raise ExperimentError(f"{where} holds what its manifest does not list ({_some(foreign)}); {advice}")
 
 
-def _read_manifest(folder: Path) -> dict[str, object] | None:
+def read_manifest(folder: Path) -> dict[str, object] | None:
+    """Returns what the manifest of a folder of results says, or None where no experiment left one."""
     try:
         manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
     except (OSError, ValueError):

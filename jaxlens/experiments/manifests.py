@@ -1,6 +1,7 @@
 """The manifest: what was run, on what, by what, and the checksums of what came out."""
 
 import datetime
+import hashlib
 import json
 import platform
 import subprocess
@@ -8,17 +9,39 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from jaxlens.experiments.config import Configuration
+from jaxlens.experiments.errors import ExperimentError
 from jaxlens.experiments.folders import MANIFEST, MARKER
 from jaxlens.files import file_sha256
 
 SCHEMA = 1
-_PACKAGES = ("jaxlens", "jax", "jaxlib", "equinox", "numpy", "matplotlib", "pillow")
+_PACKAGES = ("jaxlens", "jax", "jaxlib", "equinox", "optimistix", "numpy", "matplotlib", "pillow")
+# What no result depends on: the command line, and the page of all results.
+_BESIDE = ("cli/", "experiments/reproduction.py", "experiments/gallery/")
+
+
+def _source_checksum() -> str:
+    """The SHA-256 of the package's source, but for what lies beside the results."""
+    package = Path(__file__).parents[1]
+    files = {path.relative_to(package).as_posix(): path for path in package.rglob("*.py")}
+    digest = hashlib.sha256()
+    for name in sorted(files):
+        if not name.startswith(_BESIDE):
+            # Lines end differently where Git was told so.
+            content = files[name].read_bytes().replace(b"\r\n", b"\n")
+            digest.update(f"{name}\0{len(content)}\0".encode() + content)
+    return digest.hexdigest()
+
+
+SOURCE_SHA256 = _source_checksum()
+"""Of the package's source, the command line and the page of results left out. Taken at once, when this is imported:
+the source may be edited while an experiment runs."""
 
 
 def write_manifest(
     folder: Path,
     configuration: Configuration,
     *,
+    input_files: dict[str, str],
     inputs: list[dict[str, object]],
     facts: dict[str, object],
     seconds: float,
@@ -28,6 +51,7 @@ def write_manifest(
     Args:
         folder: The results, complete but for the manifest.
         configuration: The experiment.
+        input_files: As `input_checksums` found them before the experiment read them.
         inputs: Facts on each image.
         facts: What else the experiment has to say.
         seconds: How long it took.
@@ -39,12 +63,14 @@ def write_manifest(
         "configuration": configuration.as_dict(),
         "configuration_file": configuration.path.name,
         "configuration_sha256": configuration.digest(),
+        "input_files": input_files,
         "inputs": inputs,
         "results": facts,
         "dtype": configuration.experiment.dtype,
         "seed": configuration.experiment.seed,
         "commit": _commit(configuration),
-        "versions": {"python": platform.python_version()} | {name: _version(name) for name in _PACKAGES},
+        "source_sha256": SOURCE_SHA256,
+        "versions": {"python": platform.python_version()} | package_versions(),
         "device": _device(),
         "platform": f"{platform.system()} {platform.machine()}",
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
@@ -54,6 +80,23 @@ def write_manifest(
     text = json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     (folder / MANIFEST).write_text(text, encoding="utf-8", newline="")
     return manifest
+
+
+def input_checksums(configuration: Configuration) -> dict[str, str]:
+    """Returns the SHA-256 of each file that an experiment reads, by the key that names it.
+
+    Raises:
+        ExperimentError: a file cannot be read.
+    """
+    try:
+        return {key: file_sha256(path) for key, path in configuration.input_files().items()}
+    except OSError as error:
+        raise ExperimentError(f"cannot read {error.filename!r}: {error.strerror}") from error
+
+
+def package_versions() -> dict[str, str | None]:
+    """Returns the versions of the packages that results may depend on."""
+    return {name: _version(name) for name in _PACKAGES}
 
 
 def _version(package: str) -> str | None:

@@ -68,8 +68,9 @@ def run(
     import jax
 
     from jaxlens.experiments.kinds import perform
-    from jaxlens.experiments.manifests import write_manifest
+    from jaxlens.experiments.manifests import input_checksums, write_manifest
 
+    input_files = input_checksums(configuration)
     begin = time.perf_counter()
     with result_folder(folder, experiment.name) as temporary:
         with jax.enable_x64(experiment.dtype == "float64"):
@@ -77,6 +78,7 @@ def run(
         manifest = write_manifest(
             temporary,
             configuration,
+            input_files=input_files,
             inputs=outcome.inputs,
             facts=outcome.facts,
             seconds=time.perf_counter() - begin,

@@ -4,6 +4,7 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
+import jax
 import numpy as np
 from jaxtyping import Float, Real
 
@@ -12,6 +13,7 @@ from jaxlens.experiments.errors import ConfigError, ExperimentError
 from jaxlens.experiments.schema import Crop, Image
 from jaxlens.files import file_sha256
 from jaxlens.images import ImageError, read_image
+from jaxlens.surfaces import face, face_albedo, shade
 
 _LUMA = np.array([0.299, 0.587, 0.114])  # Rec. 601
 _PORTRAIT = "grace_hopper.jpg"
@@ -114,14 +116,22 @@ def _crop(
 
 
 def _pattern(image: Image, seed: int) -> Float[np.ndarray, "height width"]:
-    """A pattern of the configured size, values in [0, 1]."""
+    """A picture of the configured size, values in [0, 1]."""
     height, width = image.height or 1, image.width or 1
+    if image.source == "face":
+        return _face(height, width)
     y, x = np.mgrid[:height, :width].astype(np.float64)
     x, y = x - (width - 1) / 2, y - (height - 1) / 2
     size = max(height, width)
     if image.source == "checkerboard":
         return ((np.floor(8 * x / size) + np.floor(8 * y / size)) % 2 == 0).astype(np.float64)
     return _head(x / height, y / height) if image.source == "head" else _clouds(height, width, seed)
+
+
+def _face(height: int, width: int) -> Float[np.ndarray, "height width"]:
+    """The face of `jaxlens.surfaces`, lit from the upper left; the same in every experiment's dtype."""
+    with jax.enable_x64(True):
+        return np.asarray(shade(face(height, width), albedo=face_albedo(height, width)))
 
 
 def _head(

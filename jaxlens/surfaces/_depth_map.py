@@ -39,8 +39,8 @@ class DepthMap(eqx.Module):
 
     def __init__(
         self,
-        depth: Float[ArrayLike, "height width"],
-        mask: Bool[ArrayLike, "height width"] | None = None,
+        depth: ArrayLike,
+        mask: ArrayLike | None = None,
         spacing: ArrayLike | list | tuple = 1.0,
     ):
         """Makes a depth map.

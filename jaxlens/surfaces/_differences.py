@@ -1,9 +1,9 @@
 """Values on the pixels of a mask: their differences, and their continuation beyond it."""
 
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Bool, Float, Shaped
 
-from jaxlens.sampling import remap
 from jaxlens.surfaces._depth_map import DepthMap
 
 # A cubic kernel about a pixel of the mask reaches two pixels.
@@ -76,4 +76,26 @@ def padded_depth(depth_map: DepthMap) -> Float[Array, "padded_height padded_widt
 
 def depth_at(depth_map: DepthMap, point: Float[Array, "2"]) -> Float[Array, ""]:
     """Returns z at a point (x, y) in pixels, by cubic interpolation; exact on planes."""
-    return remap(padded_depth(depth_map), point + MARGIN, method="bicubic")
+    return cubic_at(padded_depth(depth_map), point)
+
+
+def cubic_at(padded: Float[Array, "padded_height padded_width"], point: Float[Array, "2"]) -> Float[Array, ""]:
+    """Interpolates at a point (x, y) of a picture that was padded by `MARGIN`; from outside, at its border."""
+    last = jnp.array([padded.shape[1] - 2 * MARGIN - 1, padded.shape[0] - 2 * MARGIN - 1], point.dtype)
+    point = jnp.clip(point, -0.5, last + 0.5)
+    first = jnp.floor(lax.stop_gradient(point))
+    column, row = first.astype(jnp.int32) + (MARGIN - 1)
+    x, y = point - first
+    patch = lax.dynamic_slice(padded, (row, column), (4, 4))
+    return jnp.stack(cubic_weights(y)) @ patch @ jnp.stack(cubic_weights(x))
+
+
+def cubic_weights(offset: Float[Array, "*batch"]) -> list[Float[Array, "*batch"]]:
+    """Returns the weights of four neighbours at an offset, in [0, 1], from the second: Keys (1981), a = −1/2."""
+    t = offset
+    return [
+        ((-0.5 * t + 1) * t - 0.5) * t,
+        (1.5 * t - 2.5) * t * t + 1,
+        ((-1.5 * t + 2) * t + 0.5) * t,
+        (0.5 * t - 0.5) * t * t,
+    ]

@@ -11,9 +11,8 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from jaxlens.numerics import is_concrete
 from jaxlens.numerics import as_floating, as_points
-from jaxlens.sampling import remap
 from jaxlens.surfaces._depth_map import DepthMap
-from jaxlens.surfaces._differences import MARGIN, continued, padded_depth
+from jaxlens.surfaces._differences import MARGIN, continued, cubic_at, padded_depth
 from jaxlens.surfaces._geodesic import check_inside
 
 # Pixels from one point of a path to the next, and how near to the source the last step begins.
@@ -94,13 +93,10 @@ def _descend(depth_map: DepthMap, distance: Array, start: Array, *, max_points: 
     smooth = continued(jnp.pad(square, MARGIN), jnp.pad(known, MARGIN))
     depth = padded_depth(depth_map)
 
-    def sampled(values, point):
-        return remap(values, point + MARGIN, method="bicubic", border="edge")
-
     def towards(point):
         """The vector from the source, in pixels, as the descent has it: exact on planes."""
-        p, q = jax.grad(sampled, argnums=1)(depth, point) / depth_map.spacing
-        e, f = 0.5 * jax.grad(sampled, argnums=1)(smooth, point) / depth_map.spacing
+        p, q = jax.grad(cubic_at, argnums=1)(depth, point) / depth_map.spacing
+        e, f = 0.5 * jax.grad(cubic_at, argnums=1)(smooth, point) / depth_map.spacing
         area = 1 + p * p + q * q
         return jnp.stack([((1 + q * q) * e - p * q * f) / (area * dx), ((1 + p * p) * f - p * q * e) / (area * dy)])
 
@@ -125,8 +121,8 @@ def _descend(depth_map: DepthMap, distance: Array, start: Array, *, max_points: 
         candidate = point - _STEP * direction(first + second)
         candidate = jnp.where(ends, point - vector, candidate)
         row, column = at(candidate)
-        here = sampled(smooth, point)
-        good = known[row, column] & (ends | (sampled(smooth, candidate) < here)) & jnp.all(jnp.isfinite(candidate))
+        here = cubic_at(smooth, point)
+        good = known[row, column] & (ends | (cubic_at(smooth, candidate) < here)) & jnp.all(jnp.isfinite(candidate))
         row, column = at(point)
         around = lowest[row + 1 + rows, column + 1 + columns]
         best = jnp.argmin(around)

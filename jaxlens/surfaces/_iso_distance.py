@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 from contourpy import LineType, contour_generator
-from jaxtyping import ArrayLike, Float
+from jaxtyping import ArrayLike
 
 
 def iso_distance_curves(
-    distance: Float[ArrayLike, "height width"], levels: ArrayLike | Sequence[float]
+    distance: ArrayLike, levels: ArrayLike | Sequence[float]
 ) -> list[list[np.ndarray]]:
     """Returns the curves along which a distance has given values.
 

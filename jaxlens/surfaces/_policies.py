@@ -11,7 +11,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from jaxlens.surfaces._sweeps import DIRECTIONS, turned, unfinished
 
@@ -23,7 +23,7 @@ _MIDDLE = np.repeat([[-1, 0], [1, 0], [0, -1], [0, 1]], 2, axis=0)
 _BESIDE = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1], [-1, -1], [1, -1], [-1, 1], [1, 1]])
 _NEWTON_STEPS = 3
 
-Vector = tuple[Array, Array, Array]
+Vector = tuple[ArrayLike, ArrayLike, ArrayLike]
 
 
 class Field(eqx.Module):
@@ -71,7 +71,8 @@ class Policy(eqx.Module):
 
 def dot(a: Vector, b: Vector) -> Array:
     """Returns the scalar products of planes of vectors."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    (ax, ay, az), (bx, by, bz) = a, b
+    return jnp.asarray(ax * bx + ay * by + az * bz)
 
 
 def length(a: Vector) -> Array:
@@ -187,7 +188,7 @@ def improved(u: Float[Array, "height width"], field: Field) -> Policy:
     If these are an upper bound that no step improves upon the wrong way (as those of `first_values`, and of every
     policy, are), the policy leads to the source from everywhere (Howard 1960).
     """
-    heights = _Neighbours(field.depth, 0)
+    heights = _Neighbours(field.depth, 0.0)
     values = _Neighbours(jnp.where(field.mask, u, FAR), FAR)
     offset = field.offsets()
     chord = length(offset)

@@ -7,7 +7,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from jaxlens.numerics import as_points
 from jaxlens.surfaces._depth_map import DepthMap
-from jaxlens.surfaces._differences import MARGIN, depth_at, padded_depth
+from jaxlens.surfaces._differences import MARGIN, cubic_weights, depth_at, padded_depth
 from jaxlens.surfaces._geodesic import check_inside
 
 # Rays beyond the diagonals, for the cubic that reads between rays.
@@ -85,22 +85,26 @@ def _cone(depth_map: DepthMap, source: Array) -> Array:
     z, inside = _crossed(depth_map, crossings)
     flat = jnp.sqrt((slopes * dx) ** 2 + dy * dy)
 
-    def step(state, row):
-        total, z_before, reached, alive = state
-        along, z, inside = row
-        ahead = along > 0
-        part = along - reached
-        piece = jnp.sqrt(jnp.where(ahead, (part * flat) ** 2 + (z - z_before) ** 2, 1))
-        total = jnp.where(ahead, total + piece, total)
-        alive = alive & (inside | ~ahead)
-        z_before = jnp.where(ahead, z, z_before)
-        return (total, z_before, jnp.where(ahead, along, reached), alive), (total, alive)
+    def followed(rows, z, inside):
+        """Lengths along the rays, and whether they are on the surface yet, where `rows` is positive and grows."""
 
-    start = jnp.zeros_like(slopes), jnp.broadcast_to(z_source, slopes.shape), jnp.zeros_like(z_source)
-    start = (*start, jnp.ones(slopes.shape, bool))
-    below = lax.scan(step, start, (rows, z, inside))[1]
-    above = lax.scan(step, start, (-rows, z, inside), reverse=True)[1]
-    total, alive = (jnp.where((rows > 0)[:, None], a, b) for a, b in zip(below, above, strict=True))
+        def step(state, row):
+            total, z_before, reached, alive = state
+            along, z, inside = row
+            ahead = along > 0
+            piece = jnp.sqrt(jnp.where(ahead, ((along - reached) * flat) ** 2 + (z - z_before) ** 2, 1))
+            total = jnp.where(ahead, total + piece, total)
+            alive = alive & (inside | ~ahead)
+            return (total, jnp.where(ahead, z, z_before), jnp.where(ahead, along, reached), alive), (total, alive)
+
+        zeros = jnp.zeros_like(slopes)
+        start = zeros, zeros + z_source, jnp.zeros_like(z_source), jnp.ones(slopes.shape, bool)
+        return lax.scan(step, start, (rows, z, inside))[1]
+
+    both = (jnp.stack([below, above]) for below, above in ((rows, -rows[::-1]), (z, z[::-1]), (inside, inside[::-1])))
+    totals, lives = jax.vmap(followed)(*both)
+    down = (rows > 0)[:, None]
+    total, alive = (jnp.where(down, pair[0], pair[1, ::-1]) for pair in (totals, lives))
     straight = _straight(rows[:, None] * flat[None, :], z - z_source)
     off = (rows != 0)[:, None] & (straight > 0)
     ratio = jnp.where(off, total / jnp.where(off, straight, 1), 1)
@@ -117,17 +121,6 @@ def _straight(along: Array, rise: Array) -> Array:
     return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1)), 0)
 
 
-def _cubic(offset: Array) -> list[Array]:
-    """Keys's weights of four neighbours (a = −1/2) at an offset from the second."""
-    t = offset
-    return [
-        ((-0.5 * t + 1) * t - 0.5) * t,
-        (1.5 * t - 2.5) * t * t + 1,
-        ((-1.5 * t + 2) * t + 0.5) * t,
-        (0.5 * t - 0.5) * t * t,
-    ]
-
-
 def _crossed(depth_map: DepthMap, crossings: Array) -> tuple[Array, Array]:
     """The depth where rays cross the rows, and whether there is surface."""
     height, width = depth_map.shape
@@ -137,7 +130,7 @@ def _crossed(depth_map: DepthMap, crossings: Array) -> tuple[Array, Array]:
     begin = (jnp.arange(height) * (width + 2 * MARGIN))[:, None] + first.astype(jnp.int32) + (MARGIN - 1)
     z = sum(
         weight * padded.ravel().at[begin + k].get(mode="promise_in_bounds")
-        for k, weight in enumerate(_cubic(place - first))
+        for k, weight in enumerate(cubic_weights(place - first))
     )
     nearest = jnp.clip(jnp.round(place), 0, width - 1).astype(jnp.int32)
     inside = depth_map.mask.ravel()[(jnp.arange(height) * width)[:, None] + nearest]
@@ -152,7 +145,7 @@ def _between_rays(ratio: Array, alive: Array, position: Array) -> tuple[Array, A
     offset = position - first
     values = [ratio.ravel()[begin + k] for k in range(4)]
     living = [alive.ravel()[begin + k] for k in range(4)]
-    cubic = sum(weight * value for weight, value in zip(_cubic(offset), values, strict=True))
+    cubic = sum(weight * value for weight, value in zip(cubic_weights(offset), values, strict=True))
     linear = values[1] + offset * (values[2] - values[1])
     one = jnp.where(living[1], values[1], values[2])
     both = living[1] & living[2]

@@ -244,9 +244,9 @@ def test_a_folder_is_compiled_for_once(run, tmp_path, monkeypatch):
     folder.mkdir()
     for index in range(5):
         write_image(folder / f"{index}.png", smooth())
-    jl.distort_image.clear_cache()
+    jl.warp.clear_cache()
     assert run("distort", folder, "--kappa", "-0.2", "0.05", "--output", tmp_path / "out").code == 0
-    assert jl.distort_image._cache_size() == 1
+    assert jl.warp._cache_size() == 1
 
 
 def test_same_names_from_different_folders(run, picture, tmp_path):

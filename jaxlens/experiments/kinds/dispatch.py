@@ -7,18 +7,26 @@ from rich.console import Console
 from jaxlens.experiments.config import Configuration
 from jaxlens.experiments.figures.style import style
 from jaxlens.experiments.kinds.boards import perform_boards
+from jaxlens.experiments.kinds.free_form import perform_free_form
 from jaxlens.experiments.kinds.grids import perform_grids
 from jaxlens.experiments.kinds.inversion import perform_inversion
+from jaxlens.experiments.kinds.noise import perform_noise
 from jaxlens.experiments.kinds.outcome import Outcome
 from jaxlens.experiments.kinds.panels import perform_panels
+from jaxlens.experiments.kinds.projections import perform_projections
 from jaxlens.experiments.kinds.readings import perform_readings
+from jaxlens.experiments.kinds.surface_plots import perform_surface_plot
 from jaxlens.experiments.kinds.sweeps import perform_sweep
 from jaxlens.experiments.schema import (
     BoardsExperiment,
+    FreeFormExperiment,
     GridsExperiment,
     InversionExperiment,
+    NoiseExperiment,
     PanelsExperiment,
+    ProjectionsExperiment,
     ReadingsExperiment,
+    SurfacePlotExperiment,
 )
 
 
@@ -36,4 +44,12 @@ def perform(configuration: Configuration, folder: Path, progress: Console) -> Ou
             return perform_inversion(configuration, experiment, folder, progress)
         if isinstance(experiment, BoardsExperiment):
             return perform_boards(configuration, experiment, folder, progress)
+        if isinstance(experiment, SurfacePlotExperiment):
+            return perform_surface_plot(configuration, experiment, folder)
+        if isinstance(experiment, FreeFormExperiment):
+            return perform_free_form(configuration, experiment, folder, progress)
+        if isinstance(experiment, ProjectionsExperiment):
+            return perform_projections(configuration, experiment, folder)
+        if isinstance(experiment, NoiseExperiment):
+            return perform_noise(configuration, experiment, folder)
         return perform_sweep(configuration, experiment, folder, progress)
