@@ -4,9 +4,10 @@ import abc
 import enum
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, ArrayLike, Bool, Float, Int8
+from jaxtyping import Array, ArrayLike, Bool, Float, Int8, PyTree
 
 from jaxlens.newton import determinant, implicit_plane_root, plane_jacobian, solve_plane
 from jaxlens.numerics import as_points, jitted, join, split
@@ -69,6 +70,13 @@ class CoordinateMap(eqx.Module):
     def one_to_one(self, points: Float[ArrayLike, "*batch 2"]) -> Bool[Array, "*batch"]:
         """Whether points lie where the map is one-to-one; here: where it keeps orientation."""
         return self.jacobian_determinant(points) > 0
+
+    def adjustable(self) -> PyTree:
+        """Returns which of the map's numbers a fit adjusts unless told otherwise: its structure, True for each array.
+
+        A map with numbers that tell where it is, rather than what it does, overrides this.
+        """
+        return jax.tree.map(lambda _: True, self)
 
     @jitted
     def jacobian(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2 2"]:
@@ -134,6 +142,10 @@ class Inverted(CoordinateMap):
         """Returns the preimages of points, NaN where there is none."""
         return self.mapping.preimages(points)
 
+    def adjustable(self) -> PyTree:
+        """Is that of the map."""
+        return Inverted(self.mapping.adjustable())
+
     def one_to_one(self, points: Float[ArrayLike, "*batch 2"]) -> Bool[Array, "*batch"]:
         """Whether points have a preimage."""
         return self.mapping.invert(points).valid
@@ -165,6 +177,10 @@ class OneToOne(CoordinateMap):
         x, y = split(self.mapping(points))
         return join(jnp.where(inside, x, jnp.nan), jnp.where(inside, y, jnp.nan))
 
+    def adjustable(self) -> PyTree:
+        """Is that of the map."""
+        return OneToOne(self.mapping.adjustable())
+
     def one_to_one(self, points: Float[ArrayLike, "*batch 2"]) -> Bool[Array, "*batch"]:
         """Whether points lie where the map is one-to-one."""
         return self.mapping.one_to_one(points)
@@ -190,6 +206,10 @@ class Chain(CoordinateMap):
         for mapping in self.maps:
             points = mapping(points)
         return points
+
+    def adjustable(self) -> PyTree:
+        """Is that of each map."""
+        return Chain(tuple(mapping.adjustable() for mapping in self.maps))
 
     def one_to_one(self, points: Float[ArrayLike, "*batch 2"]) -> Bool[Array, "*batch"]:
         """Whether each map is one-to-one where the point meets it."""

@@ -7,6 +7,7 @@ if TYPE_CHECKING:
     from jaxlens.fitting import Fit
     from jaxlens.frames import Frame
     from jaxlens.lenses import Lens
+    from jaxlens.maps import CoordinateMap
 
 Value = float | tuple[float, ...]
 
@@ -62,7 +63,7 @@ class Calibration:
 
     @classmethod
     def from_lens(
-        cls, lens: "Lens", *, frame: "Frame | None" = None, image_size: tuple[int, int] | None = None
+        cls, lens: "CoordinateMap", *, frame: "Frame | None" = None, image_size: tuple[int, int] | None = None
     ) -> "Calibration":
         """Returns the calibration of a lens.
 

@@ -36,12 +36,12 @@ def deform_picture_file(arguments: "Arguments", degrees: tuple[int, ...], size: 
     height, width = picture.pixels.shape[:2]
     # Shares of the picture: 0 is its left or upper edge, half a pixel before the first pixel's centre.
     frame = Frame([-0.5, -0.5], [width, height])
-    shape = (height, width)
+    shape: tuple[int, int] = (height, width)
     if lattice is not None:
         mapping = _free_form(FreeForm, lattice, arguments.continuity).inverse()
     else:
         corners = np.asarray(arguments.corners).reshape(4, 2)
-        shape = _sides(corners) if size is None else size[::-1]
+        shape = _sides(corners) if size is None else (size[1], size[0])
         frame = Frame([0.0, 0.0], 1.0)
         try:
             mapping = rectification(corners, *shape).inverse()

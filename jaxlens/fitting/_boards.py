@@ -19,7 +19,7 @@ from jaxlens.fitting._arguments import (
     is_concrete,
 )
 from jaxlens.fitting._homographies import focal_lengths, plane_homographies, poses_from_homographies
-from jaxlens.fitting._parameters import Choice, Selection, choose, in_dtype, lens_mask, without
+from jaxlens.fitting._parameters import Choice, Selection, choose, free_mask, in_dtype, without
 from jaxlens.fitting._poses import Poses
 from jaxlens.fitting._problem import Problem, assess, minimize, report
 from jaxlens.fitting._result import IDENTIFIED, Fit, FitStatus, checked
@@ -170,7 +170,7 @@ def calibrate(
     width, height = image_size
     views = boards.observed.shape[0]
     model = {"camera": {"focal_length": np.zeros(2), "principal_point": np.zeros(2)}, "lens": lens}
-    mask = {"camera": {"focal_length": True, "principal_point": True}, "lens": lens_mask(lens, free, center=False)}
+    mask = {"camera": {"focal_length": True, "principal_point": True}, "lens": free_mask(lens, free, center=False)}
     choice = without(choose(model, mask), fixed)
     _check_views(boards, choice, views)
     check_count(2, boards.weights, choice.names, "corners", _POSE * views)

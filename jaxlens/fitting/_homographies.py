@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jaxlens.deformations._dlt import direct_linear_transform
 from jaxlens.fitting._poses import Poses, rotation_vector
 from jaxlens.frames import Frame
 
@@ -14,37 +15,7 @@ def plane_homographies(
     weights: Float[Array, "views points"],
 ) -> Float[Array, "views 3 3"]:
     """Returns the homographies from source to target points: the normalized direct linear transform (Hartley 1997)."""
-    return jax.vmap(_homography)(source, target, weights)
-
-
-def _homography(source: Array, target: Array, weights: Array) -> Array:
-    used = (weights > 0).astype(source.dtype)
-    source, from_source = _conditioned(source, used)
-    target, from_target = _conditioned(target, used)
-    x, y = source[:, 0], source[:, 1]
-    u, v = target[:, 0], target[:, 1]
-    zero, one = jnp.zeros_like(x), jnp.ones_like(x)
-    first = jnp.stack([x, y, one, zero, zero, zero, -u * x, -u * y, -u], axis=-1)
-    second = jnp.stack([zero, zero, zero, x, y, one, -v * x, -v * y, -v], axis=-1)
-    rows = jnp.concatenate([first, second]) * jnp.concatenate([used, used])[:, None]
-    # The coordinates are conditioned, and a start need not be exact: the square of the matrix serves.
-    matrix = jnp.linalg.eigh(rows.T @ rows)[1][:, 0].reshape(3, 3)
-    return jnp.linalg.solve(from_target, matrix @ from_source)
-
-
-def _conditioned(points: Array, used: Array) -> tuple[Array, Array]:
-    """Points about the origin at a mean distance of about √2, and the matrix that brings them there."""
-    count = jnp.sum(used)
-    points = jnp.where(used[:, None] > 0, points, 0)
-    middle = jnp.sum(points, axis=0, keepdims=True) / count
-    spread = jnp.sqrt(0.5 * jnp.sum(used[:, None] * (points - middle) ** 2) / count)
-    scale = 1 / jnp.where(spread > 0, spread, 1)
-    zero, one = jnp.zeros_like(scale), jnp.ones_like(scale)
-    shift = -scale * middle[0]
-    matrix = jnp.stack(
-        [jnp.stack([scale, zero, shift[0]]), jnp.stack([zero, scale, shift[1]]), jnp.stack([zero, zero, one])]
-    )
-    return scale * (points - middle), matrix
+    return jax.vmap(direct_linear_transform)(source, target, weights)
 
 
 def focal_lengths(

@@ -10,13 +10,14 @@ from jax import lax
 from jaxtyping import Array, ArrayLike, Bool, Float, PyTree, Shaped
 
 from jaxlens.fitting._arguments import Bounds, bound_vectors, check_loss, common_dtype
-from jaxlens.fitting._parameters import Choice, Selection, choose, in_dtype, lens_mask
+from jaxlens.fitting._parameters import Choice, Selection, choose, free_mask, in_dtype
 from jaxlens.fitting._problem import Minimum, Problem, assess, minimize, report
 from jaxlens.fitting._result import Fit, FitStatus, checked
 from jaxlens.fitting._robust import Loss, robustify
 from jaxlens.fitting._solver import Unknowns
 from jaxlens.frames import Frame
 from jaxlens.lenses import Lens
+from jaxlens.maps import CoordinateMap
 from jaxlens.numerics import is_concrete, split
 from jaxlens.pyramid import halved
 from jaxlens.sampling import interpolate
@@ -54,7 +55,9 @@ class _Images(Problem):
         residual = (self.distorted - predicted).reshape(1, -1)
         return jnp.where(self.weights > 0, residual, 0)[..., None]
 
-    def places(self, lens: Lens) -> tuple[Float[Array, "new_height new_width 2"], Bool[Array, "new_height new_width"]]:
+    def places(
+        self, lens: CoordinateMap
+    ) -> tuple[Float[Array, "new_height new_width 2"], Bool[Array, "new_height new_width"]]:
         """Returns where in the source each pixel is seen, and whether it is seen at all."""
         height, width = self.distorted.shape
         grid = pixel_grid(height, width, self.source.dtype)
@@ -71,7 +74,7 @@ class _Images(Problem):
 
 
 def fit_images(
-    lens: Lens,
+    lens: CoordinateMap,
     source: Shaped[ArrayLike, "height width *channels"],
     distorted: Shaped[ArrayLike, "new_height new_width *channels"],
     *,
@@ -94,7 +97,7 @@ def fit_images(
     tried (those that move the corners by −0.5 to 3.5 half diagonals), the best are refined, and the best goes down.
 
     Args:
-        lens: The model, and where its coefficients start.
+        lens: The model, and where its coefficients start. Any coordinate map will do.
         source: `(H, W)` or `(H, W, C)`, the picture without the lens; any real dtype. Channels are averaged.
         distorted: `(H', W')` or `(H', W', C)`, the picture with it.
         frame: Between normalized coordinates and the source's pixels; Eq. 10's unless given.
@@ -102,7 +105,8 @@ def fit_images(
         mask: `(H', W')`, true where the distorted picture is to be believed.
         free: As in `fit_points`.
         center: Fit the lens's centre of distortion, too.
-        search: Look for the start by a grid over the first two coefficients; otherwise start at `lens`.
+        search: Look for the start by a grid over the first two coefficients of a lens; otherwise, and for other maps,
+            start at `lens`.
         bounds: As in `fit_points`; `gain` and `offset` are parameters, too.
         loss: `linear` for noise; `huber` or `cauchy` where parts of the picture are covered by something else (which
             still draws gain and offset a little).
@@ -134,7 +138,7 @@ def fit_images(
     if mask is not None and jnp.shape(mask) != distorted.shape[:2]:
         raise ValueError(f"mask must have the distorted picture's shape {distorted.shape[:2]}, got {jnp.shape(mask)}")
     light = {"gain": 1.0, "offset": 0.0}
-    chosen = lens_mask(lens, free, center=center)
+    chosen = free_mask(lens, free, center=center)
     choice = choose({"lens": lens, "light": light}, {"lens": chosen, "light": {"gain": True, "offset": True}})
     if len(choice.names) == len(light):
         raise ValueError("nothing to fit: `free` names no parameter")
@@ -149,7 +153,7 @@ def fit_images(
         mask,
         bound_vectors(bounds, choice.names),
         loss_scale,
-        search=search,
+        search=search and isinstance(lens, Lens),
         loss=loss,
         max_steps=max_steps,
     )

@@ -18,7 +18,7 @@ from jaxlens.fitting._arguments import (
     common_dtype,
     is_concrete,
 )
-from jaxlens.fitting._parameters import Choice, Selection, choose, in_dtype, lens_mask
+from jaxlens.fitting._parameters import Choice, Selection, choose, free_mask, in_dtype
 from jaxlens.fitting._problem import Problem, assess, minimize, report
 from jaxlens.fitting._result import Fit, FitStatus, checked
 from jaxlens.fitting._robust import Loss
@@ -119,7 +119,7 @@ def fit_lines(
     """
     check_loss(loss, loss_scale)
     points, weights = _padded(lines, weights)
-    choice = choose(lens, lens_mask(lens, free, center=center))
+    choice = choose(lens, free_mask(lens, free, center=center))
     check_count(1, weights, choice.names, "points on lines", _LINE * points.shape[0])
     fit = _fit(
         choice,

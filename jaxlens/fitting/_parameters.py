@@ -11,7 +11,8 @@ import numpy as np
 from jax.tree_util import DictKey, GetAttrKey, SequenceKey, keystr
 from jaxtyping import Array, Float, PyTree
 
-from jaxlens.lenses import BrownConrady, Lens, RadialPolynomial
+from jaxlens.lenses import BrownConrady, RadialPolynomial
+from jaxlens.maps import CoordinateMap
 
 # Names that the field has for the numbers of a vector.
 _OPENCV = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
@@ -125,23 +126,21 @@ def without(choice: Choice, fixed: Sequence[str]) -> Choice:
     return Choice(tuple(index for index, _ in kept), tuple(name for _, name in kept))
 
 
-def lens_mask(lens: Lens, free: PyTree | None, *, center: bool) -> PyTree:
-    """Returns which numbers of a lens are free: those of `free`, or all but the centre of distortion; or that, too.
+def free_mask(lens: CoordinateMap, free: PyTree | None, *, center: bool) -> PyTree:
+    """Returns which numbers of a map are free: those of `free`, or its adjustable ones; with `center` that, too.
 
     Raises:
         ValueError: `center`, and the lens has none of its own.
     """
     if center and not hasattr(lens, "center"):
         raise ValueError(f"center=True needs a lens with a centre of distortion; {type(lens).__name__} has none")
-    if free is None:
-        return _everything_but_the_center(jax.tree.structure(lens), center)
+    free = _adjustable(jax.tree.structure(lens)) if free is None else free
     return eqx.tree_at(lambda lens: lens.center, free, True) if center else free
 
 
 @cache
-def _everything_but_the_center(structure: Any, center: bool) -> PyTree:
-    mask = jax.tree.unflatten(structure, [True] * structure.num_leaves)
-    return eqx.tree_at(lambda lens: lens.center, mask, center) if hasattr(mask, "center") else mask
+def _adjustable(structure: Any) -> PyTree:
+    return jax.tree.unflatten(structure, [True] * structure.num_leaves).adjustable()
 
 
 def in_dtype(tree: PyTree, dtype: jax.typing.DTypeLike) -> Any:

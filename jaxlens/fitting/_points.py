@@ -1,4 +1,4 @@
-"""Fitting a lens to correspondences: ideal points, and where they were observed."""
+"""Fitting a lens, or any coordinate map, to correspondences: ideal points, and where they were observed."""
 
 from functools import partial
 
@@ -15,13 +15,13 @@ from jaxlens.fitting._arguments import (
     check_loss,
     common_dtype,
 )
-from jaxlens.fitting._parameters import Choice, Selection, choose, in_dtype, lens_mask
+from jaxlens.fitting._parameters import Choice, Selection, choose, free_mask, in_dtype
 from jaxlens.fitting._problem import Problem, assess, minimize, report
 from jaxlens.fitting._result import Fit, checked
 from jaxlens.fitting._robust import Loss
 from jaxlens.fitting._solver import Unknowns
 from jaxlens.frames import Frame
-from jaxlens.lenses import Lens
+from jaxlens.maps import CoordinateMap
 from jaxlens.numerics import as_points
 
 
@@ -34,13 +34,13 @@ class _Points(Problem):
 
     def residuals(self, unknowns: Unknowns) -> Float[Array, "1 points 2"]:
         model = self.selection.insert(unknowns.shared)
-        predicted = self.frame.zoomed(model["scale"]).denormalize(model["lens"].distort(self.ideal))
+        predicted = self.frame.zoomed(model["scale"]).denormalize(model["lens"](self.ideal))
         used = (self.weights[0] > 0)[:, None]
         return jnp.where(used, self.observed - predicted, 0)[None]
 
 
 def fit_points(
-    lens: Lens,
+    lens: CoordinateMap,
     ideal: Float[ArrayLike, "points 2"],
     observed: Float[ArrayLike, "points 2"],
     *,
@@ -58,13 +58,14 @@ def fit_points(
     """Finds the lens that takes ideal points to observed ones: `observed ≈ frame.denormalize(lens.distort(ideal))`.
 
     Args:
-        lens: Where to start; its class and number of coefficients are the model.
+        lens: Where to start; its class and number of coefficients are the model. Any coordinate map will do: a
+            lens, a deformation, a chain of them.
         ideal: `(N, 2)` normalized points, (x, y) order.
         observed: `(N, 2)` where they are seen: normalized too, or in pixels if there is a `frame`.
         frame: Between normalized coordinates and `observed`; none if that is normalized.
         weights: `(N,)`, inverse variances up to a common factor. Points of weight zero do not count, and may be NaN.
         free: Which numbers of the lens are fitted: a pytree of the lens's structure, with a boolean, or an array of
-            booleans, for each of its arrays. All but a centre of distortion, unless given.
+            booleans, for each of its arrays. `lens.adjustable()`, unless given: all but a centre of distortion.
         center: Fit the lens's centre of distortion, too.
         scale: Fit the frame's scale, too: one factor, called `scale`, on that of `frame`. An unknown scale needs
             ideal points whose size is known, as those of a plane or a board.
@@ -105,7 +106,7 @@ def fit_points(
     weights = as_weights(weights, ideal.shape[:1])
     check_finite("ideal", ideal, weights)
     check_finite("observed", observed, weights)
-    mask = lens_mask(lens, free, center=center)
+    mask = free_mask(lens, free, center=center)
     choice = choose({"lens": lens, "scale": 1.0}, {"lens": mask, "scale": scale})
     check_count(2, weights, choice.names, "points")
     fit = _fit(

@@ -16,7 +16,7 @@ from jaxlens.fitting._definite import solve_definite
 from jaxlens.fitting._result import Fit, FitStatus
 from jaxlens.fitting._robust import Loss, influence, noise_scale, robustify
 from jaxlens.fitting._solver import NormalLevenbergMarquardt, Unknowns, normal_equations
-from jaxlens.lenses import Lens
+from jaxlens.maps import CoordinateMap
 from jaxlens.numerics import epsilon
 
 # Rounds of estimating the noise, and fitting anew, and the relative change of the loss scale at which they end.
@@ -155,7 +155,7 @@ def _implicit_jvp(loss, primals, tangents):
     return minimum, unravel(-jnp.linalg.solve(hessian, change))
 
 
-def report(minimum: Minimum, known: Knowledge, names: tuple[str, ...], *, lens: Lens, **own: Any) -> Fit:
+def report(minimum: Minimum, known: Knowledge, names: tuple[str, ...], *, lens: CoordinateMap, **own: Any) -> Fit:
     """Returns the `Fit` of what was found and is known; `own` is what a kind of fit has, or sees in its own way."""
     common = {
         "frame": None,

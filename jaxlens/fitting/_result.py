@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxlens.fitting._poses import Poses
 from jaxlens.frames import Frame
-from jaxlens.lenses import Lens
+from jaxlens.maps import CoordinateMap
 from jaxlens.numerics import is_concrete
 
 # A coefficient whose variance the others inflate more than this is traded against them, not measured: its own columns
@@ -49,7 +49,7 @@ class Fit(eqx.Module):
     """The result of every fit. It is a pytree: under `jax.vmap` its arrays have a leading batch axis.
 
     Attributes:
-        lens: The fitted lens, with the values of `values` in it.
+        lens: The fitted lens (or other map), with the values of `values` in it.
         frame: The frame between normalized coordinates and pixels: as given, or fitted (a camera matrix).
         poses: The poses of the boards, of `calibrate` only.
         names: The fitted parameters' names, in the order of everything below.
@@ -68,7 +68,7 @@ class Fit(eqx.Module):
         folds: Whether the lens folds over within the data or the picture.
     """
 
-    lens: Lens
+    lens: CoordinateMap
     frame: Frame | None
     poses: Poses | None
     names: tuple[str, ...] = eqx.field(static=True)

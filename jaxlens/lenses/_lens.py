@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from jax.custom_batching import custom_vmap
-from jaxtyping import Array, ArrayLike, Bool, Float, Int8
+from jaxtyping import Array, ArrayLike, Bool, Float, Int8, PyTree
 
 from jaxlens.maps import CoordinateMap, Inverse, InverseStatus, inverse_status
 from jaxlens.newton import derivatives, implicit_root, is_root, solve_increasing
@@ -63,6 +63,10 @@ class RadialLens(Lens):
         """Whether ideal points lie within the fold radius."""
         x, y = self.offset(points)
         return x * x + y * y <= self.fold_radius() ** 2
+
+    def adjustable(self) -> PyTree:
+        """Returns all but the centre of distortion, which trades against the picture's own centre."""
+        return eqx.tree_at(lambda lens: lens.center, super().adjustable(), False)
 
     def offset(self, points: Float[ArrayLike, "*batch 2"]) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
         """Returns the x and y of points from the centre of distortion."""
