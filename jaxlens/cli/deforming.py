@@ -1,7 +1,9 @@
 """What `jaxlens deform` computes."""
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
@@ -69,9 +71,8 @@ def deform_mesh_file(arguments: "Arguments", degrees: tuple[int, ...]) -> None:
     lattice = None if arguments.control is None else _read_control(arguments, degrees)
     with jax.enable_x64(True):
         mesh = load_mesh(arguments.file)
-        frame = None
         if lattice is not None:
-            mapping = _boxed(_free_form(FreeForm3D, lattice, arguments.continuity), mesh)
+            mapping = _boxed(lattice, mesh, arguments.continuity)
         elif arguments.kappa is not None:
             mapping = RadialPolynomial(list(arguments.kappa))
         else:
@@ -80,7 +81,7 @@ def deform_mesh_file(arguments: "Arguments", degrees: tuple[int, ...]) -> None:
             assert arguments.lens is not None
             mapping = load_calibration(arguments.lens).lens()
         try:
-            moved = deform_mesh(mesh, mapping, frame=frame)
+            moved = deform_mesh(mesh, mapping)
         except ValueError as error:
             raise CommandError(f"cannot deform {str(arguments.file)!r}: {error}") from error
         folded = int(jnp.sum(moved.folded))
@@ -118,21 +119,24 @@ def _read_control(arguments: "Arguments", degrees: tuple[int, ...]) -> tuple[np.
     return points, weights
 
 
-def _free_form(kind: type, lattice: tuple[np.ndarray, np.ndarray], continuity: int | None):
+def _free_form(make: Callable[..., Any], lattice: tuple[np.ndarray, np.ndarray], continuity: int | None) -> Any:
     points, weights = lattice
     try:
-        deformation = kind(points, weights=None if (weights == 1).all() else weights)
+        deformation = make(points, weights=None if (weights == 1).all() else weights)
         return deformation if continuity is None else deformation.freeze(continuity)
     except ValueError as error:
         raise UsageError(f"--control: {error}") from error
 
 
-def _boxed(deformation: FreeForm3D, mesh: Mesh):
-    """The deformation of the unit cube, on the mesh's bounding box."""
-    low, high = jnp.min(mesh.vertices, axis=0), jnp.max(mesh.vertices, axis=0)
-    # A flat mesh has a box without thickness: nothing is moved along it by less than one unit.
-    extent = jnp.where(high > low, high - low, 1)
-    return lambda points: low + extent * deformation((points - low) / extent)
+def _boxed(lattice: tuple[np.ndarray, np.ndarray], mesh: Mesh, continuity: int | None) -> FreeForm3D:
+    """The deformation of a mesh's bounding box."""
+    vertices = np.asarray(mesh.vertices)
+    low, extent = vertices.min(axis=0), np.ptp(vertices, axis=0)
+    # A flat mesh has a box without thickness: along it, shares are lengths.
+    extent = np.where(extent > 0, extent, 1)
+    points, weights = lattice
+    make = partial(FreeForm3D, origin=low, axes=np.diag(extent))
+    return _free_form(make, (low + extent * points, weights), continuity)
 
 
 def _sides(corners: np.ndarray) -> tuple[int, int]:

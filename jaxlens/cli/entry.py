@@ -26,11 +26,14 @@ COMMANDS = (
     "reproduce",
     "distort",
     "undistort",
+    "deform",
     "compare",
     "fit points",
     "fit lines",
     "fit images",
     "calibrate",
+    "surface",
+    "geodesic",
 )
 """In the order of the help; each is a module here, its words joined by `_`, with `Arguments`, `HELP` and `run`."""
 

@@ -12,7 +12,6 @@ from tyro.conf import arg
 from jaxlens.cli.errors import CommandError, UsageError
 from jaxlens.cli.fits import parse_size
 from jaxlens.cli.meshes import is_mesh, load_mesh
-from jaxlens.cli.pictures import read_picture
 
 if TYPE_CHECKING:
     import numpy as np
@@ -68,6 +67,7 @@ def load_surface(path: Path, view: View, max_pixels: int | None, *, relief: floa
     """
     import numpy as np
 
+    from jaxlens.cli.pictures import read_picture
     from jaxlens.surfaces import DepthMap, from_mesh
 
     try:
@@ -92,7 +92,10 @@ def gray_values(picture: "Picture") -> "tuple[np.ndarray, float]":
     import numpy as np
 
     pixels = picture.pixels
-    white = max(1.0, float(np.nanmax(pixels))) if pixels.dtype.kind == "f" else float(np.iinfo(pixels.dtype).max)
+    if pixels.dtype.kind == "f":
+        white = float(np.max(pixels, where=np.isfinite(pixels), initial=1.0))
+    else:
+        white = float(np.iinfo(pixels.dtype).max)
     if pixels.ndim == 3:
         pixels = pixels[..., :-1] if picture.has_alpha else pixels
         pixels = pixels.mean(axis=-1, dtype=np.float64)

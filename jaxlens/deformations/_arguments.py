@@ -2,18 +2,11 @@
 
 from collections.abc import Sequence
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
-from jaxtyping import Array, ArrayLike, Float, PyTree
+from jaxtyping import Array, ArrayLike, Float
 
-from jaxlens.numerics import as_floating, as_points
-
-
-def is_concrete(*trees: PyTree) -> bool:
-    """Tells whether the numbers are known, or stand for later ones under `jax.jit` or `jax.vmap`."""
-    return not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees))
+from jaxlens.numerics import as_floating, as_points, is_concrete
 
 
 def as_like(values: ArrayLike | Sequence, dtype: jnp.dtype) -> Array:
@@ -88,6 +81,7 @@ def as_correspondences(
             if bad.any():
                 where = int(np.argmax(bad))
                 raise ValueError(
-                    f"{name}[{where}] is not finite: {np.asarray(points)[where].tolist()}; remove it, or give it weight 0"
+                    f"{name}[{where}] is not finite: {np.asarray(points)[where].tolist()}; remove it, or give it "
+                    "weight 0"
                 )
     return source, target, weights

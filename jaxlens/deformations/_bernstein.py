@@ -1,7 +1,8 @@
 """Rational Bernstein polynomials on the unit cube of any dimension: what free-form deformations are made of (Eq. 4).
 
-A lattice of control points is held as *offsets* from the regular lattice, and a point's *displacement* is evaluated: what is
-not deformed then stays where it is to the last bit, and rounding is that of the displacement and not of the position.
+A lattice of control points is held as *offsets* from the regular lattice, and a point's *displacement* is evaluated:
+what is not deformed then stays where it is to the last bit, and rounding is that of the displacement and not of the
+position.
 """
 
 import operator
@@ -19,7 +20,8 @@ from jaxtyping import Array, Bool, Float
 from jaxlens.numerics import epsilon
 
 # Control points up to which sums are written out: several times faster, but long to compile for many.
-_UNROLLED = 25
+import os
+_UNROLLED = int(os.environ.get("UNR","25"))
 # Rounding, in units in the last place, that may part a point of the border from what it is mapped to.
 _BORDER_ULPS = 64.0
 
@@ -38,9 +40,9 @@ class Cube(eqx.Module):
     def displacement(self, local: Float[Array, "*batch dimensions"]) -> Float[Array, "*batch dimensions"]:
         """Returns where Eq. 4 takes points of the cube, less the points themselves.
 
-        With L the regular lattice and p = Σ B L, what a weighted mean adds to that of the offsets is Σ B w (L − p) / Σ B w.
-        By s (1 − s) B′ᵢ = (i − n s) Bᵢ its numerator is, along each axis, s Σ Bᵢ (1 − i/n) (wᵢ₊₁ − wᵢ): no cancellation, however
-        the weights differ, and zero where they do not.
+        With L the regular lattice and p = Σ B L, what a weighted mean adds to that of the offsets is Σ B w (L − p) /
+        Σ B w. By s (1 − s) B′ᵢ = (i − n s) Bᵢ its numerator is, along each axis, s Σ Bᵢ (1 − i/n) (wᵢ₊₁ − wᵢ): no
+        cancellation, however the weights differ, and zero where they do not.
         """
         dimensions = local.shape[-1]
         coordinates = tuple(local[..., axis] for axis in range(dimensions))
@@ -71,9 +73,9 @@ def preimages(
 ) -> tuple[Float[Array, "*batch dimensions"], Bool[Array, "*batch"]]:
     """Returns the points of the cube that go to `target`, and whether there are such.
 
-    Newton's iteration for the extended deformation, from the targets themselves; then a root outside the cube is brought back
-    to its border, where it counts if it is a root still. How far outside it may be depends on how steep the map is: the
-    residual does not.
+    Newton's iteration for the extended deformation, from the targets themselves; then a root outside the cube is
+    brought back to its border, where it counts if it is a root still. How far outside it may be depends on how steep
+    the map is: the residual does not.
 
     Args:
         cube: The deformation.
@@ -98,7 +100,7 @@ def _residual(local: Array, parameters: tuple[Cube, Array]) -> Array:
 @jax.custom_jvp
 def _sums(
     coordinates: tuple[Float[Array, "*batch"], ...], coefficients: Float[Array, "*lattice values"]
-) -> Float[Array, "values *batch"]:
+) -> Float[Array, " values *batch"]:
     """`Σ B(s) B(t) … coefficients` over the lattice, a plane for each value.
 
     Its derivatives by a coordinate are sums of the same kind, of differences of coefficients and a degree less: several
@@ -195,7 +197,8 @@ def frozen_rows(
     if frozen.all():
         degrees = tuple(size - 1 for size in shape)
         raise ValueError(
-            f"continuity of order {continuity} across {', '.join(sides)} freezes all control points of a lattice of degrees "
-            f"{degrees}: raise the degrees (two opposite sides need at least {2 * continuity + 2}), or ask for less"
+            f"continuity of order {continuity} across {', '.join(sides)} freezes all control points of a lattice of "
+            f"degrees {degrees}: raise the degrees (two opposite sides need at least {2 * continuity + 2}), or "
+            "ask for less"
         )
     return frozen

@@ -1,13 +1,15 @@
 """Fields of uniform cubic B-splines (section 2.3): displacements with local control and two continuous derivatives."""
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, ArrayLike, Float, Int
+from jaxtyping import Array, ArrayLike, Float, Int, PyTree
 
 from jaxlens.deformations._arguments import as_rectangle
 from jaxlens.maps import CoordinateMap
-from jaxlens.numerics import as_floating, as_points, jitted, join, split
+from jaxlens.numerics import as_floating, as_points, jitted, split
 
 # The four pieces of the uniform cubic B-spline: [k, p] is the coefficient of fᵖ in the weight of the coefficient that
 # stands k places after the first one that a cell reads, for a point at the fraction f of the cell.
@@ -15,15 +17,15 @@ PIECES = np.array([[1, -3, 3, -1], [4, 0, -6, 3], [1, 3, 3, -3], [0, 0, 0, 1]]) 
 
 
 class BSplineField(CoordinateMap):
-    """A map that displaces points by a linear sum of weighted and shifted cubic B-splines: `p + Σ β(u − i) β(v − j) c_ij`.
+    """A field of displacements, a linear sum of weighted and shifted cubic B-splines: `p + Σ β(u − i) β(v − j) c_ij`.
 
     The rectangle is divided into nx × ny equal cells. u and v are a point's coordinates in it, in cells: 0 and nx at
     its left and right. Coefficient [i, j] weighs the B-spline whose peak is at u = i − 1, v = j − 1: coefficients
-    reach one cell beyond the rectangle on every side. They are *displacements*, not positions, and not interpolated: zero is the
-    identity, and equal coefficients are a translation by them.
+    reach one cell beyond the rectangle on every side. They are *displacements*, not positions, and not interpolated:
+    zero is the identity, and equal coefficients are a translation by them.
 
-    Beyond the rectangle a point is displaced as the nearest point of the border is: the field is continuous everywhere, and
-    twice continuously differentiable off the border.
+    Beyond the rectangle a point is displaced as the nearest point of the border is: the field is continuous
+    everywhere, and twice continuously differentiable off the border.
 
     Attributes:
         coefficients: `(nx + 3, ny + 3, 2)`: [i, j] is the displacement (x, y) of column i (along x) and row j
@@ -94,15 +96,21 @@ class BSplineField(CoordinateMap):
         )
         return x, y
 
+    def adjustable(self) -> PyTree:
+        """Returns the coefficients, and not the rectangle."""
+        fixed = jax.tree.map(lambda _: False, self)
+        return eqx.tree_at(lambda field: field.coefficients, fixed, True)
+
     def refine(self) -> "BSplineField":
-        """Returns the same map on twice as many cells along x and y: knots inserted midway (masks 4 4 and 1 6 1, over 8)."""
+        """Returns the same map on twice as many cells along x and y: knots inserted midway (masks 4 4, 1 6 1)."""
         fine = _refine(jnp.swapaxes(_refine(self.coefficients), 0, 1))
         return BSplineField(jnp.swapaxes(fine, 0, 1), self.lower, self.upper)
 
     def bending_energy(self) -> Float[Array, ""]:
         """Returns the mean over the rectangle of |d_xx|² + 2 |d_xy|² + |d_yy|² of the displacement d, exactly.
 
-        In the units of a displacement, squared, over those of a length, to the fourth power. Zero for affine fields only.
+        In the units of a displacement, squared, over those of a length, to the fourth power. Zero for affine fields
+        only.
         """
         total = jnp.zeros((), self.coefficients.dtype)
         for along_x, along_y in energy_terms(self.cells, self.upper - self.lower):
@@ -122,7 +130,7 @@ def _taps(position: Float[Array, "*batch"], count: int) -> list[tuple[Array, Arr
     return [(first + k, weight) for k, weight in enumerate(weights)]
 
 
-def _refine(coefficients: Float[Array, "count *rest"]) -> Float[Array, "refined *rest"]:
+def _refine(coefficients: Float[Array, " count *rest"]) -> Float[Array, " refined *rest"]:
     """Halves the cells along the first axis."""
     middles = 0.5 * (coefficients[:-1] + coefficients[1:])
     knots = 0.5 * (coefficients[1:-1] + 0.5 * (middles[:-1] + middles[1:]))

@@ -1,16 +1,14 @@
 """A B-spline field through scattered correspondences, as smooth as they allow."""
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from jaxtyping import Array, ArrayLike, Float
 
-from jaxlens.deformations._arguments import as_correspondences, is_concrete
+from jaxlens.deformations._arguments import as_correspondences
 from jaxlens.deformations._bspline import BSplineField, energy_terms
-from jaxlens.numerics import epsilon, split
+from jaxlens.numerics import epsilon, is_concrete
 
 
 def fit_bspline_field(
@@ -25,10 +23,11 @@ def fit_bspline_field(
 ) -> BSplineField:
     """Finds the B-spline field that takes source to target points, by penalized least squares.
 
-    It minimizes the weighted mean of `|source + d(source) − target|²`, plus `penalty` times the bending energy of d: the mean
-    over the rectangle of |d_xx|² + 2 |d_xy|² + |d_yy|² (that of a thin plate; `BSplineField.bending_energy`). Both are
-    means: the penalty means the same whatever the number of points and of cells. Solved directly, in
-    time and memory that grow with the cube and the square of (nx + 3)(ny + 3): some 40 × 40 cells.
+    It minimizes the weighted mean of `|source + d(source) − target|²`, plus `penalty` times the bending energy of d:
+    the mean over the rectangle of |d_xx|² + 2 |d_xy|² + |d_yy|² (that of a thin plate;
+    `BSplineField.bending_energy`). Both are means: the penalty means the same whatever the number of points and of
+    cells. Solved directly, in time and memory that grow with the cube and the square of (nx + 3)(ny + 3): some 40 ×
+    40 cells.
 
     Args:
         source: `(N, 2)` points, (x, y) order; one outside the rectangle counts at the nearest point of its border.
@@ -36,14 +35,15 @@ def fit_bspline_field(
         cells: nx and ny, the number of cells along x and y.
         lower: (x_min, y_min) of the rectangle.
         upper: (x_max, y_max).
-        penalty: Above 0, in units of length to the fourth power: with points everywhere, waves in the displacement that are
-            shorter than 2π penalty^(1/4) are smoothed away, longer ones kept.
+        penalty: Above 0, in units of length to the fourth power: with points everywhere, waves in the displacement
+            that are shorter than 2π penalty^(1/4) are smoothed away, longer ones kept.
         weights: `(N,)`, relative weights of the points, ones by default. Points of weight zero do not count, and may be
             NaN.
 
     Returns:
-        The field, in the widest dtype of the data. Differentiable with respect to points, weights, penalty and rectangle.
-        Under `jax.jit` and `jax.vmap`, where nothing can be raised, its coefficients are NaN if the data do not determine it.
+        The field, in the widest dtype of the data. Differentiable with respect to points, weights, penalty and
+        rectangle. Under `jax.jit` and `jax.vmap`, where nothing can be raised, its coefficients are NaN if the data
+        do not determine it.
 
     Raises:
         ValueError: shapes that do not fit, points that are not finite, a penalty that is not positive, or data that
@@ -68,13 +68,13 @@ def fit_bspline_field(
     field = _fit(BSplineField(zero, lower, upper), source, target, weights, penalty)
     if is_concrete(field) and not np.isfinite(np.asarray(field.coefficients)).all():
         raise ValueError(
-            f"the points do not determine a field of {cells[0]} × {cells[1]} cells with penalty {penalty}: at least three "
-            "are needed that do not lie on one line; if there are, raise the penalty, or take double precision"
+            f"the points do not determine a field of {cells[0]} × {cells[1]} cells with penalty {penalty}: at least "
+            "three are needed that do not lie on one line; if there are, raise the penalty, or take double precision"
         )
     return field
 
 
-@partial(jax.jit)
+@jax.jit
 def _fit(field: BSplineField, source: Array, target: Array, weights: Array, penalty: Array) -> BSplineField:
     dtype = field.coefficients.dtype
     source, target, weights = (values.astype(dtype) for values in (source, target, weights))
@@ -91,11 +91,14 @@ def _fit(field: BSplineField, source: Array, target: Array, weights: Array, pena
     data = data.at[index[:, :, None], index[:, None, :]].add(
         weights[:, None, None] * basis[:, :, None] * basis[:, None, :]
     )
-    right = jnp.zeros((size, 2), dtype).at[index].add(
-        (weights[:, None] * basis)[:, :, None] * (target - source)[:, None, :]
+    right = (
+        jnp.zeros((size, 2), dtype)
+        .at[index]
+        .add((weights[:, None] * basis)[:, :, None] * (target - source)[:, None, :])
     )
-    energy = sum(jnp.kron(along_x, along_y) for along_x, along_y in energy_terms(field.cells, field.upper - field.lower))
-    solution = _solve_definite(data + jnp.asarray(penalty, dtype) * energy.astype(dtype), right)
+    terms = energy_terms(field.cells, (field.upper - field.lower).astype(dtype))
+    energy = jnp.sum(jnp.stack([jnp.kron(along_x, along_y) for along_x, along_y in terms]), axis=0)
+    solution = _solve_definite(data + jnp.asarray(penalty, dtype) * energy, right)
     return BSplineField(solution.reshape(field.coefficients.shape), field.lower, field.upper)
 
 

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, ArrayLike, Bool, Float, PyTree
 
 from jaxlens.deformations._arguments import as_rectangle, as_weights
 from jaxlens.deformations._bernstein import Cube, frozen_rows, preimages, unit_lattice
@@ -22,11 +22,12 @@ _SIDES: tuple[Side, ...] = ("left", "right", "top", "bottom")
 
 
 class FreeForm(CoordinateMap):
-    """Free-form deformation: a rectangle dragged by a lattice of control points (Eqs. 3 and 4; Sederberg and Parry 1986).
+    """Free-form deformation: a rectangle dragged by a lattice of control points (Eqs. 3, 4; Sederberg and Parry 1986).
 
     A point's coordinates in the rectangle, `s = (x − x_min) / (x_max − x_min)` and t alike, weight the control points
-    by a rational tensor product of Bernstein polynomials: `X(s, t) = Σ Bᵢᵐ(s) Bⱼⁿ(t) w_ij P_ij / Σ Bᵢᵐ(s) Bⱼⁿ(t) w_ij`. Points outside the
-    rectangle are not moved; its border belongs to it. A lattice left regular, with weights that are all equal, is the identity.
+    by a rational tensor product of Bernstein polynomials: `X(s, t) = Σ Bᵢᵐ(s) Bⱼⁿ(t) w_ij P_ij / Σ Bᵢᵐ(s) Bⱼⁿ(t)
+    w_ij`. Points outside the rectangle are not moved; its border belongs to it. A lattice left regular, with weights
+    that are all equal, is the identity.
 
     Across the border the map is continuous only where the border's control points are left in place, and smooth only
     where the rows behind them are, too: see `freeze`. Nor need the rectangle be mapped onto itself: what is dragged
@@ -61,7 +62,6 @@ class FreeForm(CoordinateMap):
     def __init__(
         self,
         control_points: ArrayLike | list | tuple,
-        *,
         weights: ArrayLike | list | tuple | None = None,
         lower: ArrayLike | list | tuple = (0.0, 0.0),
         upper: ArrayLike | list | tuple = (1.0, 1.0),
@@ -81,7 +81,6 @@ class FreeForm(CoordinateMap):
         cls,
         m: int,
         n: int,
-        *,
         lower: ArrayLike | list | tuple = (0.0, 0.0),
         upper: ArrayLike | list | tuple = (1.0, 1.0),
     ) -> "FreeForm":
@@ -95,7 +94,7 @@ class FreeForm(CoordinateMap):
         """Moves the points `(..., 2)` that lie in the rectangle."""
         x, y = split(as_points(points))
         inside = self.contains(join(x, y))
-        # A point that does not count stands in the middle, where derivatives are finite.
+        # A point that does not count stands in a corner, where derivatives are finite.
         local = self._local(join(jnp.where(inside, x, self.lower[0]), jnp.where(inside, y, self.lower[1])))
         along_x, along_y = split(self._cube().displacement(local))
         width, height = self.upper - self.lower
@@ -111,15 +110,16 @@ class FreeForm(CoordinateMap):
     def invert(self, points: Float[ArrayLike, "*batch 2"]) -> Inverse:
         """Finds what is moved to points: a point of the rectangle, or the point itself if it lies outside and stays.
 
-        Newton's iteration for the deformation, continued smoothly beyond the rectangle; a root outside it does not count.
+        Newton's iteration for the deformation, continued beyond the rectangle; a root outside it does not count.
 
         Args:
             points: `(..., 2)`.
 
         Returns:
-            An `Inverse`. Valid are points of the rectangle's image and points outside the rectangle; where a point is both, the preimage is
-            the one in the rectangle. Where the lattice folds, one of the preimages at which it keeps orientation.
-            In a gap at the border, the nearest thing is a point of the border. Derivatives as of `CoordinateMap.invert`.
+            An `Inverse`. Valid are points of the rectangle's image and points outside the rectangle; where a point is
+            both, the preimage is the one in the rectangle. Where the lattice folds, one of the preimages at which it
+            keeps orientation. In a gap at the border, the nearest thing is a point of the border. Derivatives as of
+            `CoordinateMap.invert`.
         """
         points = as_points(points)
         finite = jnp.all(jnp.isfinite(points), axis=-1)
@@ -134,6 +134,14 @@ class FreeForm(CoordinateMap):
         valid = found | unmoved
         status = inverse_status(finite, valid, valid)
         return Inverse(join(x + along_x * width, y + along_y * height), status == InverseStatus.CONVERGED, status)
+
+    def adjustable(self) -> PyTree:
+        """Returns the control points: not the rectangle, and not the weights, of which a common factor has no effect.
+
+        To fit a frozen deformation, make those of `frozen(…)` false.
+        """
+        fixed = jax.tree.map(lambda _: False, self)
+        return eqx.tree_at(lambda deformation: deformation.control_points, fixed, True)
 
     def frozen(self, continuity: int, *, sides: Sequence[Side] = _SIDES) -> Bool[np.ndarray, "columns rows"]:
         """Returns which control points `freeze` puts back: the outermost `continuity + 1` rows of each side.
@@ -152,8 +160,8 @@ class FreeForm(CoordinateMap):
             sides: Those of the rectangle across which it is to be.
 
         Raises:
-            ValueError: an order below zero, an unknown side, or degrees that would leave no control point free: two opposite
-                sides need a degree of at least 2 k + 2.
+            ValueError: an order below zero, an unknown side, or degrees that would leave no control point free: two
+                opposite sides need a degree of at least 2 k + 2.
         """
         frozen = jnp.asarray(self.frozen(continuity, sides=sides))
         lattice = _lattice(frozen.shape, self.lower, self.upper)

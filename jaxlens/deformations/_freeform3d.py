@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int8
 
-from jaxlens.deformations._arguments import as_like, as_weights, is_concrete
+from jaxlens.deformations._arguments import as_like, as_weights
 from jaxlens.deformations._bernstein import Cube, frozen_rows, preimages, unit_lattice
 from jaxlens.deformations._space import (
     adjugate_3x3,
@@ -18,7 +18,7 @@ from jaxlens.deformations._space import (
     space_jacobian,
 )
 from jaxlens.maps import InverseStatus, inverse_status
-from jaxlens.numerics import as_floating, jitted
+from jaxlens.numerics import as_floating, is_concrete, jitted
 
 Face = Literal["s=0", "s=1", "t=0", "t=1", "u=0", "u=1"]
 """A face of the parallelepiped, by its equation in the local coordinates."""
@@ -50,8 +50,8 @@ class FreeForm3D(eqx.Module):
     """Free-form deformation of space: `FreeForm`, for points `(..., 3)` of a parallelepiped.
 
     A point is `origin + s axes[0] + t axes[1] + u axes[2]`; where s, t and u lie in [0, 1] it moves to
-    `Σ Bᵢ(s) Bⱼ(t) Bₖ(u) w_ijk P_ijk / Σ Bᵢ(s) Bⱼ(t) Bₖ(u) w_ijk`, elsewhere it stays. All that `FreeForm` says of identity, borders and
-    folds holds here, too.
+    `Σ Bᵢ(s) Bⱼ(t) Bₖ(u) w_ijk P_ijk / Σ Bᵢ(s) Bⱼ(t) Bₖ(u) w_ijk`, elsewhere it stays. All that `FreeForm` says of
+    identity, borders and folds holds here, too.
 
     Attributes:
         control_points: `(l + 1, m + 1, n + 1, 3)`, for degrees l, m and n of one or more along the three axes.
@@ -78,7 +78,6 @@ class FreeForm3D(eqx.Module):
     def __init__(
         self,
         control_points: ArrayLike | list | tuple,
-        *,
         weights: ArrayLike | list | tuple | None = None,
         origin: ArrayLike | list | tuple = _ORIGIN,
         axes: ArrayLike | list | tuple = _UNIT_AXES,
@@ -96,10 +95,9 @@ class FreeForm3D(eqx.Module):
     @classmethod
     def identity(
         cls,
-        l: int,  # noqa: E741: the degrees' names
+        l: int,  # noqa: E741
         m: int,
         n: int,
-        *,
         origin: ArrayLike | list | tuple = _ORIGIN,
         axes: ArrayLike | list | tuple = _UNIT_AXES,
     ) -> "FreeForm3D":

@@ -1,0 +1,148 @@
+"""`jaxlens geodesic`: how far the points of a face, or any surface, are from one of them."""
+
+# Optional[X] for the same reason as in `jaxlens.cli.options`.
+# ruff: noqa: UP045
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Optional
+
+from tyro.conf import Positional, arg
+
+from jaxlens.cli.errors import CommandError, UsageError
+from jaxlens.cli.messages import say
+from jaxlens.cli.options import check_file, check_max_pixels
+from jaxlens.cli.surfaces import View, check_view, load_surface, save_figure
+from jaxlens.cli.values import Numbers, numbers
+
+HELP = """Measure distances along a surface, from the tip of the nose or another point.
+
+What it does:
+  FILE is a mesh (OBJ, PLY, STL), seen from the front, or a picture of depths:
+  a floating TIFF holds them in pixels, NaN where there is no surface; of any
+  other picture the grays are heights. Written to the folder: the shortest
+  distance along the surface (geodesic.tif), the length of the curve above
+  each straight ray (radial.tif; Eqs. 1 and 2), curves of equal distance
+  (curves.csv, pixels) and a drawing (distances.png). Lengths are in the mesh's
+  units, or in pixels; NaN is no surface, infinity is out of reach.
+
+Examples:
+  jaxlens geodesic head.obj --output distances/
+  jaxlens geodesic depth.tif --source 250 270 --step 10 --output distances/
+  jaxlens geodesic face.png --relief 120 --output distances/"""
+
+
+@dataclass(frozen=True)
+class Arguments(View):
+    """Measure distances along a surface."""
+
+    file: Annotated[Path, Positional, arg(metavar="FILE", help_behavior_hint="")]
+    """A mesh, or a picture of depths."""
+
+    output: Annotated[Path, arg(metavar="DIR", aliases=["-o"])]
+    """A folder, which is made if need be."""
+
+    source: Annotated[
+        Optional[Numbers], numbers("X Y", count=2, largest=1e6), arg(help_behavior_hint="(default: the nose tip)")
+    ] = None
+    """The point to measure from, in pixels."""
+
+    relief: Annotated[Optional[float], arg(metavar="PIXELS", help_behavior_hint="(default: see below)")] = None
+    """Of a picture: how high white stands over black; by default a quarter of its shorter side, and of a floating
+    picture such that its values are pixels."""
+
+    step: Annotated[Optional[float], arg(metavar="LENGTH", help_behavior_hint="(default: about twelve curves)")] = None
+    """From one curve of equal distance to the next."""
+
+    overwrite: Annotated[bool, arg(help_behavior_hint="")] = False
+    """Replace files that exist."""
+
+    max_pixels: Annotated[Optional[int], arg(metavar="COUNT", help_behavior_hint="(default: 200 million)")] = None
+    """Refuse pictures with more pixels, before they are decoded."""
+
+
+_FILES = ("geodesic.tif", "radial.tif", "curves.csv", "distances.png")
+
+
+def run(arguments: Arguments) -> int:
+    """Runs the command; returns the exit code."""
+    check_file(arguments.file)
+    check_max_pixels(arguments.max_pixels)
+    check_view(arguments)
+    for name in ("relief", "step"):
+        value = getattr(arguments, name)
+        if value is not None and not 0 < value < 1e9:
+            raise UsageError(f"--{name} is a length above 0, got {value:g}")
+    _check_folder(arguments.output, arguments.overwrite)
+    import jax
+
+    with jax.enable_x64(True):
+        _measure(arguments)
+    return 0
+
+
+def _check_folder(folder: Path, overwrite: bool) -> None:
+    if folder.exists() and not folder.is_dir():
+        raise UsageError(f"--output {str(folder)!r} is a file; name a folder")
+    if not folder.exists() and not folder.parent.is_dir():
+        raise UsageError(f"--output: there is no folder {str(folder.parent)!r}; make it first")
+    taken = [name for name in _FILES if (folder / name).exists()]
+    if taken and not overwrite:
+        raise UsageError(f"{str(folder / taken[0])!r} exists; pass --overwrite to replace it")
+
+
+def _measure(arguments: Arguments) -> None:
+    import numpy as np
+
+    from jaxlens.cli.meshes import is_mesh
+    from jaxlens.cli.pictures import write_picture
+    from jaxlens.experiments.figures.geodesics import distance_maps
+    from jaxlens.experiments.figures.style import style
+    from jaxlens.experiments.geodesic_distances import measure_distances
+    from jaxlens.files import write_text
+    from jaxlens.images import Picture
+    from jaxlens.surfaces import iso_distance_curves
+
+    surface = load_surface(arguments.file, arguments, arguments.max_pixels, relief=arguments.relief)
+    source = None if arguments.source is None else np.asarray(arguments.source)
+    try:
+        found = measure_distances(surface, source=source)
+    except ValueError as error:
+        raise CommandError(f"{str(arguments.file)!r}: {error}") from error
+    reached = found.geodesic[np.isfinite(found.geodesic)]
+    farthest = float(reached.max())
+    if farthest == 0:
+        raise CommandError(f"{str(arguments.file)!r}: no pixel but the source can be reached")
+    unit = "units" if is_mesh(arguments.file) else "pixels"
+    step = _round_step(farthest / 12) if arguments.step is None else arguments.step
+    levels = step * np.arange(1, int(farthest / step) + 1)
+    lines = ["distance,curve,x,y"]
+    for level, curves in zip(levels, iso_distance_curves(found.geodesic, levels), strict=True):
+        lines += [f"{level:.9g},{i},{x:.3f},{y:.3f}" for i, curve in enumerate(curves) for x, y in curve]
+    with style():
+        figure = distance_maps(found, step, unit)
+    folder = arguments.output
+    try:
+        folder.mkdir(exist_ok=True)
+        for name, values in (("geodesic.tif", found.geodesic), ("radial.tif", found.radial)):
+            picture = Picture(values.astype(np.float32))
+            write_picture(folder / name, picture, overwrite=arguments.overwrite, quality=None)
+        write_text(folder / "curves.csv", "\n".join(lines) + "\n", overwrite=arguments.overwrite)
+        save_figure(folder / "distances.png", figure, overwrite=arguments.overwrite)
+    except OSError as error:
+        raise CommandError(f"cannot write into {str(folder)!r}: {error.strerror or error}") from error
+    lost = int(np.isinf(found.geodesic).sum())
+    print(f"source            pixel ({found.source[0]:.2f}, {found.source[1]:.2f})")  # noqa: T201
+    print(f"farthest point    {farthest:.6g} {unit} along the surface")  # noqa: T201
+    print(f"pixel spacing     {float(surface.spacing[0]):.6g} {unit}")  # noqa: T201
+    if lost:
+        say(f"warning: {lost} pixels of the surface cannot be reached from the source: the surface has several parts")
+    say(f"wrote {', '.join(_FILES)} in {str(folder)!r}")
+
+
+def _round_step(step: float) -> float:
+    """The nearest 1, 2 or 5 times a power of ten."""
+    import math
+
+    power = 10.0 ** math.floor(math.log10(step))
+    return min((1, 2, 5, 10), key=lambda factor: abs(math.log(step / (factor * power)))) * power

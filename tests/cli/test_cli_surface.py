@@ -1,0 +1,112 @@
+"""`jaxlens surface` and `jaxlens geodesic`: landscapes, meshes seen from the front, distances along them."""
+
+from typing import get_args
+
+import numpy as np
+import pytest
+
+import jaxlens as jl
+from jaxlens.cli.surface import Drawing as Offered
+from jaxlens.experiments.figures.surfaces import Drawing
+from jaxlens.images import Picture, read_image, write_image
+from jaxlens.surfaces import Mesh, save_mesh
+
+
+@pytest.fixture
+def slope(tmp_path):
+    """A plane that rises 3 in 4 to the right, of 5 by 4 units."""
+    path = tmp_path / "slope.ply"
+    vertices = np.array([[0, 0, 0], [4, 0, 3], [4, 4, 3], [0, 4, 0]], float)
+    save_mesh(path, Mesh(vertices, np.array([[0, 1, 2], [0, 2, 3]])))
+    return path
+
+
+def test_the_styles_offered_are_those_there_are():
+    assert get_args(Offered) == get_args(Drawing)
+
+
+@pytest.mark.parametrize("style", get_args(Drawing))
+def test_a_picture_as_a_landscape(run, picture, tmp_path, style):
+    output = tmp_path / f"{style}.png"
+    result = run("surface", picture, "--style", style, "--smoothing", "1", "--output", output)
+    assert result.code == 0
+    drawn = read_image(output).pixels
+    assert min(drawn.shape[:2]) > 300
+    assert drawn.std() > 5
+
+
+def test_a_mesh_from_the_front(run, slope, tmp_path):
+    output, depth = tmp_path / "shaded.png", tmp_path / "depth.tif"
+    result = run("surface", slope, "--size", "40x40", "--output", output, "--depth", depth)
+    assert result.code == 0
+    assert read_image(output).pixels.shape == (40, 40)
+    values = read_image(depth).pixels
+    expected = jl.surfaces.from_mesh(slope, 40, 40)
+    np.testing.assert_array_equal(np.isfinite(values), expected.mask)
+    np.testing.assert_allclose(values[expected.mask], expected.depth[expected.mask], rtol=1e-6)
+    assert "units a pixel" in result.err
+
+
+def test_distances_on_a_plane_are_straight(run, slope, tmp_path):
+    folder = tmp_path / "distances"
+    result = run("geodesic", slope, "--size", "41x41", "--source", "20", "20", "--output", folder)
+    assert result.code == 0
+    assert "farthest point    " in result.out
+    surface = jl.surfaces.from_mesh(slope, 41, 41)
+    points = np.asarray(surface.points())
+    straight = np.linalg.norm(points - points[20, 20], axis=-1)
+    for name in ("geodesic.tif", "radial.tif"):
+        found = read_image(folder / name).pixels
+        np.testing.assert_array_equal(np.isfinite(found), surface.mask)
+        np.testing.assert_allclose(found[surface.mask], straight[surface.mask], rtol=1e-5, atol=1e-6)
+    level, _, x, y = np.loadtxt(folder / "curves.csv", delimiter=",", skiprows=1).T
+    spacing = float(surface.spacing[0])
+    length = np.hypot(np.hypot(x - 20, y - 20), 0.75 * (x - 20)) * spacing
+    assert np.abs(length - level).max() < 0.05 * spacing
+    assert (folder / "distances.png").stat().st_size > 10_000
+
+
+def test_a_picture_of_depths(run, tmp_path):
+    x, y = np.meshgrid(np.arange(40.0), np.arange(30.0))
+    depth = np.where(abs(x - 20) < 2, np.nan, 0.5 * y).astype(np.float32)
+    write_image(tmp_path / "depth.tif", Picture(depth))
+    folder = tmp_path / "out"
+    result = run("geodesic", tmp_path / "depth.tif", "--source", "5", "10", "--output", folder)
+    assert result.code == 0
+    assert "cannot be reached from the source" in result.err
+    found = read_image(folder / "geodesic.tif").pixels
+    assert np.isnan(found[10, 20])
+    assert np.isposinf(found[10, 30])
+    assert found[20, 5] == pytest.approx(10 * 1.25**0.5, rel=1e-5)
+    again = run("geodesic", tmp_path / "depth.tif", "--source", "5", "10", "--output", folder)
+    assert (again.code, "pass --overwrite" in again.err) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "message"),
+    [
+        (("geodesic", "FILE", "--source", "500", "1", "--output", "OUT"), 1, "source (500, 1) lies outside the mask"),
+        (("geodesic", "FILE", "--step", "0", "--output", "OUT"), 2, "--step is a length above 0"),
+        (("surface", "FILE", "--output", "OUT.jpg"), 2, "must end in .png"),
+        (("surface", "FILE", "--size", "0x9", "--output", "OUT.png"), 2, "--size is two counts"),
+        (("surface", "FILE", "--perspective", "0.9", "--output", "OUT.png"), 2, "--perspective is from 0"),
+        (("surface", "FILE", "--field-of-view", "180", "--output", "OUT.png"), 2, "--field-of-view is between"),
+    ],
+)
+def test_misuse(run, slope, tmp_path, words, code, message):
+    replaced = [{"FILE": str(slope)}.get(word, word.replace("OUT", str(tmp_path / "out"))) for word in words]
+    result = run(*replaced)
+    assert (result.code, message in result.err) == (code, True), result.err
+
+
+def test_files_that_are_no_surface(run, tmp_path):
+    (tmp_path / "points.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
+        "property float z\nend_header\n0 0 0\n"
+    )
+    result = run("surface", tmp_path / "points.ply", "--output", tmp_path / "a.png")
+    assert (result.code, "has no faces" in result.err) == (1, True), result.err
+    write_image(tmp_path / "empty.tif", Picture(np.full((8, 8), np.nan, np.float32)))
+    result = run("geodesic", tmp_path / "empty.tif", "--output", tmp_path / "out")
+    assert (result.code, "shows no surface" in result.err) == (1, True), result.err
+    assert not (tmp_path / "out").exists()
