@@ -23,8 +23,8 @@ HELP = """Draw a picture as a landscape, or show a mesh from the front.
 What it does:
   A picture becomes a surface, its light places high, as in Figures 1 and 8 of
   the paper. A mesh (OBJ, PLY, STL) is lit from the upper left and seen along
-  −z; --depth writes its depth map, a float TIFF in the mesh's own units, NaN
-  where there is nothing.
+  −z; --depth writes its depth map, a float TIFF in pixels, as jaxlens geodesic
+  reads them, NaN where there is nothing.
 
 Examples:
   jaxlens surface portrait.jpg --output landscape.png
@@ -127,6 +127,7 @@ def _show_mesh(arguments: Arguments) -> None:
     pixels = np.round(255 * np.clip(np.asarray(shade(surface)), 0, 1)).astype(np.uint8)
     write_picture(arguments.output, Picture(pixels), overwrite=arguments.overwrite, quality=None)
     if arguments.depth is not None:
-        depth = np.where(np.asarray(surface.mask), np.asarray(surface.depth), np.nan).astype(np.float32)
+        spacing = float(surface.spacing[0])
+        depth = np.where(np.asarray(surface.mask), np.asarray(surface.depth) / spacing, np.nan).astype(np.float32)
         write_picture(arguments.depth, Picture(depth), overwrite=arguments.overwrite, quality=None)
-        say(f"wrote {str(arguments.depth)!r}, {float(surface.spacing[0]):.6g} units a pixel")
+        say(f"wrote {str(arguments.depth)!r}; a pixel is {spacing:.6g} of the mesh's units")

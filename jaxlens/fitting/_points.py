@@ -31,6 +31,7 @@ class _Points(Problem):
     ideal: Float[Array, "points 2"]
     observed: Float[Array, "points 2"]
     weights: Float[Array, "1 points"]
+    fused = True
 
     def residuals(self, unknowns: Unknowns) -> Float[Array, "1 points 2"]:
         model = self.selection.insert(unknowns.shared)

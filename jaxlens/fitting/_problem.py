@@ -2,7 +2,7 @@
 
 import abc
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -32,6 +32,8 @@ class Problem(eqx.Module):
     """
 
     weights: eqx.AbstractVar[Float[Array, "blocks points"]]
+    fused: ClassVar[bool] = False
+    """Whether residuals cost less than writing their derivatives to memory; see `normal_equations`."""
 
     @abc.abstractmethod
     def residuals(self, unknowns: Unknowns) -> Float[Array, "blocks points components"]:
@@ -112,7 +114,7 @@ def _solve_in_rounds(problem: Problem, start: Unknowns, loss: Loss, bounds: Any,
 
 def _solve(problem: Problem, start: Unknowns, loss: Loss, scale: Array, bounds: Any, max_steps: int) -> Minimum:
     # A step that changes the residuals by less than this leaves an error of its square, quadratic convergence given.
-    solver = NormalLevenbergMarquardt(rtol=0.5 * epsilon(start.shared.dtype) ** 0.5)
+    solver = NormalLevenbergMarquardt(rtol=0.5 * epsilon(start.shared.dtype) ** 0.5, fused=problem.fused)
     options = {} if bounds is None else {"lower": bounds[0], "upper": bounds[1]}
     solution = optx.least_squares(
         partial(_rows, loss), solver, start, (problem, scale), options, max_steps=max_steps, throw=False
@@ -187,7 +189,7 @@ def assess(problem: Problem, minimum: Minimum, loss: Loss, further_parameters: i
     """
     unknowns, weights = minimum.unknowns, problem.weights
     used = weights > 0
-    normal, rows = normal_equations(lambda u: _flat(problem.weighted(u)), unknowns)
+    normal, rows = normal_equations(lambda u: _flat(problem.weighted(u)), unknowns, fused=problem.fused)
     residuals = rows.reshape(*weights.shape, -1)
     components = residuals.shape[-1]
     count, blocks = unknowns.shared.shape[0], unknowns.blocks

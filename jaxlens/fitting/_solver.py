@@ -27,7 +27,7 @@ _FIRST_DAMPING = 1e-6
 # Damping below this changes nothing but how long it takes to come back.
 _SMALLEST_DAMPING = 1e-10
 # What is left to go may be this share of the standard error of any combination of the parameters.
-_IMMATERIAL = 1e-6
+_IMMATERIAL = 3e-6
 # Parameters up to which JᵀJ is summed in one pass over the residuals: its sums grow as their square.
 _FEW = 8
 # Damping relative to the diagonal beyond which a step is a blind one along the gradient.
@@ -95,11 +95,20 @@ def jacobian_rows(
     return residual, by_shared, columns(Unknowns(jnp.zeros((size, count), dtype), each))
 
 
-def normal_equations(function: Any, unknowns: Unknowns) -> tuple[NormalEquations, Float[Array, "blocks rows"]]:
-    """Returns the normal equations of a function's values, and the values."""
+def normal_equations(
+    function: Any, unknowns: Unknowns, *, fused: bool = False
+) -> tuple[NormalEquations, Float[Array, "blocks rows"]]:
+    """Returns the normal equations of a function's values, and the values.
+
+    Args:
+        function: Returns `(blocks, rows)`.
+        unknowns: Where.
+        fused: Compute the derivatives within the sums over them, on one thread, and write none to memory: for functions
+            that cost less than that.
+    """
     blocks, size = unknowns.blocks.shape
     if size == 0:
-        gram, residual = _gram(function, unknowns)
+        gram, residual = _gram(function, unknowns, fused=fused)
         nothing = jnp.zeros((blocks, gram.shape[0] - 1, 0), gram.dtype)
         within = jnp.zeros((blocks, 0, 0), gram.dtype)
         gradient = Unknowns(gram[:-1, -1], unknowns.blocks)
@@ -119,7 +128,9 @@ def normal_equations(function: Any, unknowns: Unknowns) -> tuple[NormalEquations
     return normal, residual
 
 
-def _gram(function: Any, unknowns: Unknowns) -> tuple[Float[Array, "columns columns"], Float[Array, "blocks rows"]]:
+def _gram(
+    function: Any, unknowns: Unknowns, *, fused: bool
+) -> tuple[Float[Array, "columns columns"], Float[Array, "blocks rows"]]:
     """[J r]ᵀ [J r] of a function without blocks, and its values r."""
     count, dtype = unknowns.shared.shape[0], unknowns.shared.dtype
     if count > _FEW:
@@ -127,10 +138,13 @@ def _gram(function: Any, unknowns: Unknowns) -> tuple[Float[Array, "columns colu
         tall = jnp.concatenate([by_shared, residual[..., None]], axis=-1).reshape(-1, count + 1)
         return tall.T @ tall, residual
     residual, derivative = jax.linearize(function, unknowns)
-    units = Unknowns(jnp.eye(count, dtype=dtype), jnp.zeros((count, *unknowns.blocks.shape), dtype))
-    # All sums in one pass over the columns: a product of matrices as thin as these is half as fast. The barrier keeps
-    # the pass, which one thread makes, from computing the columns, too.
-    columns = lax.optimization_barrier([*jax.vmap(derivative)(units), residual])
+    if fused:
+        units = [Unknowns(jnp.asarray(unit), unknowns.blocks) for unit in np.eye(count, dtype=dtype)]
+        columns = [*map(derivative, units), residual]
+    else:
+        units = Unknowns(jnp.eye(count, dtype=dtype), jnp.zeros((count, *unknowns.blocks.shape), dtype))
+        columns = lax.optimization_barrier([*jax.vmap(derivative)(units), residual])
+    # All sums in one pass over the columns: a product of matrices as thin as these is half as fast.
     rows, places = np.tril_indices(count + 1)
     products = tuple(columns[row] * columns[place] for row, place in zip(rows, places, strict=True))
     zeros = tuple(jnp.zeros((), dtype) for _ in products)
@@ -179,10 +193,12 @@ class NormalLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     Attributes:
         rtol: A step is the last when it moves the residuals by less than this share of what the parameters do to them,
             or the parameters by less than anyone could see in their standard errors.
+        fused: As in `normal_equations`.
     """
 
     rtol: float
     atol: float = 0.0
+    fused: bool = False
     norm: Any = optx.max_norm
 
     def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> _State:
@@ -205,7 +221,7 @@ class NormalLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         """Judges the candidate, and proposes the next."""
         del tags
         eps = epsilon(y.shared.dtype)
-        there, residual = normal_equations(lambda unknowns: fn(unknowns, args)[0], state.candidate)
+        there, residual = normal_equations(lambda unknowns: fn(unknowns, args)[0], state.candidate, fused=self.fused)
         old = state.normal
         moved = jax.tree.map(jnp.subtract, state.candidate, y)
         predicted = -(_dot(old.gradient, moved) + 0.5 * old.curvature(moved))
