@@ -64,3 +64,33 @@ def boards(views: int) -> tuple[np.ndarray, np.ndarray]:
         factor = 1 + squared * (-0.28 + squared * (0.03 + squared * 0.1))
         seen[view] = np.stack([530 * x * factor + 330, 530 * y * factor + 235], -1)
     return board, seen + 0.2 * random.normal(size=seen.shape)
+
+
+def sphere_cap(size: int) -> tuple[np.ndarray, np.ndarray, tuple[float, float], np.ndarray]:
+    """Returns `(size, size)` depth, mask, a pixel (x, y) on it, and the great circles' lengths from there.
+
+    The cap fills the picture, and its slope reaches 2 at the rim.
+    """
+    middle = (size - 1) / 2
+    radius = middle / 0.9
+    y, x = np.mgrid[:size, :size] - middle
+    mask = x * x + y * y <= middle**2
+    depth = np.sqrt(np.where(mask, radius**2 - x * x - y * y, 0))
+    column, row = int(0.65 * size), int(0.58 * size)
+    points = np.stack([x, y, depth], -1)
+    start = points[row, column]
+    angle = np.arctan2(np.linalg.norm(np.cross(points, start), axis=-1), points @ start)
+    return depth, mask, (float(column), float(row)), radius * angle
+
+
+def grid_mesh(depth: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns a depth map as vertices `(N, 3)` and triangles `(M, 3)`, and the flat index of each vertex's pixel."""
+    height, width = depth.shape
+    index = np.arange(height * width).reshape(height, width)
+    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]
+    triangles = np.concatenate([np.stack([a, d, b], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
+    triangles = triangles[np.all(mask.ravel()[triangles], axis=-1)]
+    pixels, renumbered = np.unique(triangles, return_inverse=True)
+    rows, columns = np.divmod(pixels, width)
+    vertices = np.stack([columns, rows, depth.ravel()[pixels]], -1).astype(np.float64)
+    return vertices, renumbered.reshape(-1, 3), pixels

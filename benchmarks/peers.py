@@ -12,7 +12,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from benchmarks.material import CAMERA_MATRIX, DISTORTION
+from benchmarks.material import CAMERA_MATRIX, DISTORTION, grid_mesh
 
 
 @dataclass(frozen=True)
@@ -193,3 +193,32 @@ def opencv_calibrate(board: np.ndarray, corners: np.ndarray, size: tuple[int, in
     points = np.column_stack([board, np.zeros(len(board))]).astype(np.float32)
     seen = [view[:, None].astype(np.float32) for view in corners]
     return Peer(lambda: cv2.calibrateCamera([points] * len(seen), seen, size, None, None)[0])
+
+
+def potpourri3d_distance(depth: np.ndarray, mask: np.ndarray, source: tuple[float, float]) -> Peer | None:
+    """`MeshHeatMethodDistanceSolver` on the triangulated depth map: factorized, then solved from the nearest vertex."""
+    return _potpourri3d(depth, mask, source, ready=False)
+
+
+def potpourri3d_solve(depth: np.ndarray, mask: np.ndarray, source: tuple[float, float]) -> Peer | None:
+    """The same with its factorization ready."""
+    return _potpourri3d(depth, mask, source, ready=True)
+
+
+def _potpourri3d(depth: np.ndarray, mask: np.ndarray, source: tuple[float, float], *, ready: bool) -> Peer | None:
+    if (potpourri3d := load("potpourri3d")) is None:
+        return None
+    vertices, faces, pixels = grid_mesh(depth, mask)
+    start = int(np.argmin(np.sum((vertices[:, :2] - source) ** 2, -1)))
+    solver = potpourri3d.MeshHeatMethodDistanceSolver(vertices, faces) if ready else None
+
+    def run() -> np.ndarray:
+        prepared = potpourri3d.MeshHeatMethodDistanceSolver(vertices, faces) if solver is None else solver
+        return prepared.compute_distance(start)
+
+    def read(distance: np.ndarray) -> np.ndarray:
+        picture = np.full(depth.shape, np.nan)
+        picture.reshape(-1)[pixels] = distance
+        return picture
+
+    return Peer(run, read)

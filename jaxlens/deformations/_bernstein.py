@@ -20,10 +20,11 @@ from jaxtyping import Array, Bool, Float
 from jaxlens.numerics import epsilon
 
 # Control points up to which sums are written out: several times faster, but long to compile for many.
-import os
-_UNROLLED = int(os.environ.get("UNR","25"))
+_UNROLLED = 16
 # Rounding, in units in the last place, that may part a point of the border from what it is mapped to.
 _BORDER_ULPS = 64.0
+# Points along each axis from which an inverse may start, by the number of axes.
+_SAMPLES = {1: 64, 2: 8, 3: 4}
 
 
 class Cube(eqx.Module):
@@ -73,7 +74,8 @@ def preimages(
 ) -> tuple[Float[Array, "*batch dimensions"], Bool[Array, "*batch"]]:
     """Returns the points of the cube that go to `target`, and whether there are such.
 
-    Newton's iteration for the extended deformation, from the targets themselves; then a root outside the cube is
+    Newton's iteration for the extended deformation, from the targets themselves or, if that is nearer, from one of the
+    points of a grid; then a root outside the cube is
     brought back to its border, where it counts if it is a root still. How far outside it may be depends on how steep
     the map is: the residual does not.
 
@@ -84,12 +86,27 @@ def preimages(
         implicit: `implicit_plane_root` or `implicit_space_root`.
     """
     fixed, goal = lax.stop_gradient((cube, target))
-    root, converged = solve(fixed.extended, goal, jnp.clip(goal, 0, 1))
+    root, converged = solve(fixed.extended, goal, _first_guess(fixed, goal))
     root = jnp.clip(root, 0, 1)
     miss = jnp.max(jnp.abs(fixed.moved(root) - goal), axis=-1)
     rounding = _BORDER_ULPS * epsilon(goal.dtype) * jnp.maximum(1, jnp.max(jnp.abs(goal), axis=-1))
     found = converged & (miss <= rounding)
     return jnp.where(found[..., None], implicit(_residual, root, (cube, target)), root), found
+
+
+def _first_guess(cube: Cube, target: Float[Array, "*batch dimensions"]) -> Float[Array, "*batch dimensions"]:
+    """Of the targets themselves and of the points of a grid those that go nearest to the targets."""
+    dimensions = target.shape[-1]
+    grid = unit_lattice([_SAMPLES[dimensions]] * dimensions, target.dtype).reshape(-1, dimensions)
+    seen = cube.moved(grid)
+
+    def squared(points, goals):
+        return reduce(operator.add, [(points[..., k] - goals[..., k]) ** 2 for k in range(dimensions)])
+
+    best = jnp.argmin(squared(seen.reshape(*[1] * (target.ndim - 1), *seen.shape), target[..., None, :]), axis=-1)
+    own, from_grid = jnp.clip(target, 0, 1), grid[best]
+    nearer = squared(cube.moved(own), target) <= squared(seen[best], target)
+    return jnp.where(nearer[..., None], own, from_grid)
 
 
 def _residual(local: Array, parameters: tuple[Cube, Array]) -> Array:

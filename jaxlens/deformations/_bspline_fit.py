@@ -8,7 +8,10 @@ from jaxtyping import Array, ArrayLike, Float
 
 from jaxlens.deformations._arguments import as_correspondences
 from jaxlens.deformations._bspline import BSplineField, energy_terms
-from jaxlens.numerics import epsilon, is_concrete
+from jaxlens.numerics import epsilon, is_concrete, split
+
+# A variance, in units in the last place of one, that is no more than rounding.
+_ROUNDING_ULPS = 16.0
 
 
 def fit_bspline_field(
@@ -99,7 +102,24 @@ def _fit(field: BSplineField, source: Array, target: Array, weights: Array, pena
     terms = energy_terms(field.cells, (field.upper - field.lower).astype(dtype))
     energy = jnp.sum(jnp.stack([jnp.kron(along_x, along_y) for along_x, along_y in terms]), axis=0)
     solution = _solve_definite(data + jnp.asarray(penalty, dtype) * energy, right)
+    solution = jnp.where(
+        _spread(*lax.stop_gradient((field, source, weights))) > _ROUNDING_ULPS * epsilon(dtype), solution, jnp.nan
+    )
     return BSplineField(solution.reshape(field.coefficients.shape), field.lower, field.upper)
+
+
+def _spread(field: BSplineField, source: Array, weights: Array) -> Float[Array, ""]:
+    """The least variance of points along any direction, in units of the rectangle: what determines an affine field.
+
+    These fields do not bend: of them, the data alone must tell.
+    """
+    x, y = (
+        (jnp.clip(values, low, high) - low) / (high - low)
+        for values, low, high in zip(split(source), field.lower, field.upper, strict=True)
+    )
+    x, y = x - jnp.sum(weights * x), y - jnp.sum(weights * y)
+    xx, xy, yy = (jnp.sum(weights * product) for product in (x * x, x * y, y * y))
+    return 0.5 * (xx + yy - jnp.sqrt((xx - yy) ** 2 + 4 * xy**2))
 
 
 def _solve_definite(matrix: Float[Array, "size size"], right: Float[Array, "size 2"]) -> Float[Array, "size 2"]:

@@ -18,12 +18,14 @@ from jaxlens.deformations._space import (
     space_jacobian,
 )
 from jaxlens.maps import InverseStatus, inverse_status
-from jaxlens.numerics import as_floating, is_concrete, jitted
+from jaxlens.numerics import as_floating, epsilon, is_concrete, jitted
 
 Face = Literal["s=0", "s=1", "t=0", "t=1", "u=0", "u=1"]
 """A face of the parallelepiped, by its equation in the local coordinates."""
 
 _FACES: tuple[Face, ...] = ("s=0", "s=1", "t=0", "t=1", "u=0", "u=1")
+# Rounding of local coordinates, in units in the last place of what they are differences of.
+_FACE_ULPS = 4.0
 _ORIGIN = (0.0, 0.0, 0.0)
 _UNIT_AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
@@ -111,13 +113,19 @@ class FreeForm3D(eqx.Module):
         """Moves the points `(..., 3)` that lie in the parallelepiped."""
         points = _as_points(points)
         local = self._local(points)
-        inside = _in_cube(local)[..., None]
+        inside = self.contains(points)[..., None]
         # A point that does not count stands in a corner, where derivatives are finite.
         return points + jnp.where(inside, self._from_local(self._cube().displacement(jnp.where(inside, local, 0))), 0)
 
     def contains(self, points: Float[ArrayLike, "*batch 3"]) -> Bool[Array, "*batch"]:
-        """Whether points lie in the parallelepiped, its faces included (to rounding, if the axes are oblique)."""
-        return _in_cube(self._local(_as_points(points)))
+        """Whether points lie in the parallelepiped, its faces included, to the rounding of the points' coordinates."""
+        points = _as_points(points)
+        local = self._local(points)
+        shares = jnp.abs(adjugate_3x3(self.axes) / determinant_3x3(self.axes))
+        sizes = [jnp.abs(points[..., k]) + jnp.abs(self.origin[k]) for k in range(3)]
+        rounding = [sum(sizes[k] * shares[k, j] for k in range(3)) for j in range(3)]
+        rounding = _FACE_ULPS * epsilon(local.dtype) * jnp.stack(rounding, axis=-1)
+        return jnp.all((local >= -rounding) & (local <= 1 + rounding), axis=-1)
 
     @jitted
     def jacobian(self, points: Float[ArrayLike, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
@@ -141,7 +149,7 @@ class FreeForm3D(eqx.Module):
         points = jnp.where(finite[..., None], points, 0)
         target = self._local(points)
         local, found = preimages(self._cube(), target, solve_space, implicit_space_root)
-        unmoved = ~found & ~_in_cube(target)
+        unmoved = ~found & ~self.contains(points)
         points = points + self._from_local(jnp.where(unmoved[..., None], 0, local - target))
         status = inverse_status(finite, found | unmoved, found | unmoved)
         return Inverse3D(points, status == InverseStatus.CONVERGED, status)
@@ -173,9 +181,8 @@ class FreeForm3D(eqx.Module):
         return FreeForm3D(control_points, weights=weights, origin=self.origin, axes=self.axes)
 
     def _local(self, points: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
-        """Coordinates s, t and u of points; exact where the axes are those of space."""
+        """Coordinates s, t and u of points."""
         from_origin = [points[..., k] - self.origin[k] for k in range(3)]
-        # Rows of the adjugate over the determinant, the quotient last: on a face it is then exactly one.
         adjugate, size = adjugate_3x3(self.axes), determinant_3x3(self.axes)
         return jnp.stack([sum(from_origin[k] * adjugate[k, j] for k in range(3)) / size for j in range(3)], axis=-1)
 
@@ -185,10 +192,6 @@ class FreeForm3D(eqx.Module):
     def _cube(self) -> Cube:
         lattice = _lattice(self.control_points.shape[:-1], self.origin, self.axes)
         return Cube(self._local(self.control_points - lattice + self.origin[None, None, None]), self.weights)
-
-
-def _in_cube(local: Float[Array, "*batch 3"]) -> Bool[Array, "*batch"]:
-    return jnp.all((local >= 0) & (local <= 1), axis=-1)
 
 
 def _as_points(points: ArrayLike) -> Float[Array, "*batch 3"]:

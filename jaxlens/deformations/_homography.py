@@ -58,7 +58,7 @@ class Homography(CoordinateMap):
 
     @classmethod
     def isometry(
-        cls, angle: Float[ArrayLike, ""], translation: Float[ArrayLike, "2"], *, reflect: bool = False
+        cls, angle: ArrayLike, translation: ArrayLike | list | tuple, *, reflect: bool = False
     ) -> "Homography":
         """Returns a rotation by `angle`, then a translation: lengths are kept.
 
@@ -72,9 +72,9 @@ class Homography(CoordinateMap):
     @classmethod
     def similarity(
         cls,
-        scale: Float[ArrayLike, ""],
-        angle: Float[ArrayLike, ""],
-        translation: Float[ArrayLike, "2"],
+        scale: ArrayLike,
+        angle: ArrayLike,
+        translation: ArrayLike | list | tuple,
         *,
         reflect: bool = False,
     ) -> "Homography":
@@ -85,7 +85,7 @@ class Homography(CoordinateMap):
         return cls.affine(jnp.stack([jnp.stack([flip * cosine, -sine]), jnp.stack([flip * sine, cosine])]), translation)
 
     @classmethod
-    def affine(cls, matrix: Float[ArrayLike, "2 2"], translation: Float[ArrayLike, "2"]) -> "Homography":
+    def affine(cls, matrix: ArrayLike | list | tuple, translation: ArrayLike | list | tuple) -> "Homography":
         """Returns `matrix · p + translation`: parallels are kept."""
         matrix, translation = as_floating(matrix), as_points(translation)
         if matrix.shape != (2, 2) or translation.shape != (2,):
@@ -96,7 +96,7 @@ class Homography(CoordinateMap):
         return cls(jnp.concatenate([top, jnp.asarray([[0, 0, 1]], top.dtype)]))
 
     @classmethod
-    def projective(cls, line: Float[ArrayLike, "3"]) -> "Homography":
+    def projective(cls, line: ArrayLike | list | tuple) -> "Homography":
         """Returns the map that divides by `line · (x, y, 1)`: it sends that line to infinity.
 
         Args:
@@ -203,8 +203,10 @@ def denominators(matrix: Float[Array, "3 3"], points: Float[Array, "*batch 2"]) 
 
 def _apply(matrix: Array, x: Array, y: Array) -> tuple[tuple[Array, Array], Array]:
     """The image of points, and where it is defined; finite elsewhere, and in its derivatives."""
+    finite = jnp.isfinite(x) & jnp.isfinite(y)
+    x, y = jnp.where(finite, x, 0), jnp.where(finite, y, 0)
     down = denominators(matrix, join(x, y))
-    defined = down > 0
+    defined = finite & (down > 0)
     right, up = (row[0] * x + row[1] * y + row[2] for row in matrix[:2])
     inverse = 1 / jnp.where(defined, down, 1)
     # Next to the line at infinity the quotient overflows: nowhere is where it is.
@@ -223,4 +225,4 @@ def _is_singular(matrix: Float[np.ndarray, "3 3"], eps: float) -> bool:
     """Whether a determinant is nothing but rounding, whatever the units of rows and columns."""
     a, b, c = matrix.T
     positive = np.abs(np.roll(b, -1) * np.roll(c, -2)) + np.abs(np.roll(b, -2) * np.roll(c, -1))
-    return bool(abs(np.linalg.det(matrix)) <= _SINGULAR_ULPS * eps * np.sum(np.abs(a) * positive))
+    return bool(abs(a @ np.cross(b, c)) <= _SINGULAR_ULPS * eps * np.sum(np.abs(a) * positive))

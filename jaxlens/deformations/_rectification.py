@@ -2,13 +2,13 @@
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ArrayLike, Float
+from jaxtyping import ArrayLike
 
 from jaxlens.deformations._homography import Homography
 from jaxlens.numerics import as_points, is_concrete, split
 
 
-def rectification(corners: Float[ArrayLike, "4 2"], height: int, width: int) -> Homography:
+def rectification(corners: ArrayLike | list | tuple, height: int, width: int) -> Homography:
     """Returns the homography that takes a quadrilateral of a picture to an upright rectangle, in pixels.
 
     Args:

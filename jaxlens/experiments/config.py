@@ -21,9 +21,12 @@ from jaxlens.experiments.schema import (
     KINDS,
     BoardsExperiment,
     Experiment,
+    GeodesicsExperiment,
     GridsExperiment,
     Image,
     ReadingsExperiment,
+    RotationExperiment,
+    UnknownExperiment,
 )
 
 _LONGEST_VALUE = 60
@@ -83,6 +86,8 @@ class Configuration:
             raise ConfigError(f"{self.path}: kind = 'grids' draws its own lines; leave the image out")
         if isinstance(experiment, BoardsExperiment):
             raise ConfigError(f"{self.path}: kind = 'boards' is about corners, not a picture; leave the image out")
+        if isinstance(experiment, GeodesicsExperiment | RotationExperiment | UnknownExperiment):
+            raise ConfigError(f"{self.path}: kind = '{experiment.kind}' takes no picture; leave the image out")
         old = experiment.images[0] if isinstance(experiment, ReadingsExperiment) else experiment.image
         if not path.is_file():
             raise ConfigError(f"image: got {_show(str(path))}; there is no such picture file")
@@ -143,6 +148,9 @@ def _inputs(configuration: Configuration) -> Iterator[tuple[str, str, Path, str]
     experiment = configuration.experiment
     if isinstance(experiment, BoardsExperiment):
         yield "corners", experiment.corners, configuration.path.parent / experiment.corners, "CSV file"
+    if isinstance(experiment, GeodesicsExperiment) and experiment.surface.path is not None:
+        path = experiment.surface.path
+        yield "surface.path", path, configuration.path.parent / path, "mesh file"
     for name, value in experiment:
         images = (
             {f"{name}[{index}]": one for index, one in enumerate(value)} if isinstance(value, list) else {name: value}

@@ -1,6 +1,7 @@
 """Making data with a known lens, and recovering the lens from them, many times over."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -52,6 +53,15 @@ def from_points(
         count: Points in a set.
         seeds: Sets.
     """
+    fits = _fits_of_points(kappa, noise, jax.random.split(key, seeds), height=height, width=width, count=count)
+    return _recovery("points", kappa, noise, "px", fits.values, fits.standard_errors, fits.status)
+
+
+@partial(jax.jit, static_argnames=("height", "width", "count"))
+def _fits_of_points(
+    kappa: Float[Array, " order"], noise: float | Float[Array, ""], keys: Array, *, height: int, width: int, count: int
+) -> Fit:
+    """Makes a set of points for each key, and fits each; one program for every lens and level of noise."""
     frame, lens = Frame.half_diagonal(height, width), RadialPolynomial(kappa)
     size = jnp.asarray([width - 1, height - 1], kappa.dtype)
 
@@ -62,8 +72,7 @@ def from_points(
         observed = observed + noise * jax.random.normal(errors, (count, 2), kappa.dtype)
         return fit_points(RadialPolynomial(jnp.zeros_like(kappa)), ideal, observed, frame=frame)
 
-    fits = jax.jit(jax.vmap(once))(jax.random.split(key, seeds))
-    return _recovery("points", kappa, noise, "px", fits.values, fits.standard_errors, fits.status)
+    return jax.vmap(once)(keys)
 
 
 def from_pictures(

@@ -305,9 +305,11 @@ class SurfacePlotExperiment(_Experiment):
 
     Attributes:
         image: The image.
-        drawings: The ways of drawing, a panel each: a net, a closed surface in the image's grays, lines of equal height.
+        drawings: The ways of drawing, a panel each: a net, a closed surface in the image's grays, lines of equal
+            height.
         smoothing: Standard deviation, in pixels, of the Gaussian that the heights are smoothed with.
-        perspective: One over the viewer's distance from the image's centre, in half diagonals; 0 is parallel projection.
+        perspective: One over the viewer's distance from the image's centre, in half diagonals; 0 is parallel
+            projection.
         relief: Height of white, in half diagonals.
         azimuth: By how many degrees the landscape is turned, counterclockwise from above.
         elevation: Of the viewer, in degrees: 90 looks straight down.
@@ -370,8 +372,8 @@ class FreeFormExperiment(_Experiment):
         for move in self.moves:
             if move.column > m or move.row > n:
                 raise ValueError(
-                    f"'moves' must name control points of columns 0 to {m} and rows 0 to {n}, got column {move.column}, "
-                    f"row {move.row}"
+                    f"'moves' must name control points of columns 0 to {m} and rows 0 to {n}, got column "
+                    f"{move.column}, row {move.row}"
                 )
         places = [(move.column, move.row) for move in self.moves]
         if len(set(places)) < len(places):
@@ -392,6 +394,7 @@ class ProjectionsExperiment(_Experiment):
         k: Coefficients of Section 2.4, where 1 + k r² takes output to source: k > 0 is barrel.
         window: Length of the pieces of a projection that are compared, in pixels, odd.
         largest: The largest displacement that is looked for, in pixels.
+        least_score: Correlation of two pieces below which they do not count as the same.
         warp: How the image is sampled.
     """
 
@@ -400,6 +403,7 @@ class ProjectionsExperiment(_Experiment):
     k: list[float] = Field(default=[0.3, -0.3], min_length=1, max_length=3)
     window: int = Field(default=31, ge=3)
     largest: int = Field(default=16, ge=1)
+    least_score: float = Field(default=0.9, ge=-1, le=1)
     warp: Warp = Warp()
 
     @model_validator(mode="after")
@@ -417,7 +421,8 @@ class NoiseExperiment(_Experiment):
     Attributes:
         image: The image.
         other: The picture that the same errors are added to; scaled to the image's size.
-        noise: Standard deviation of the noise, as a share of the peak.
+        noise: Standard deviation of the noise, as a share of the peak; by default that of the root of the mean square
+            of the lens's errors.
         kappa: The lens whose errors stand beside the noise.
         block: Side of the blocks in which the errors' spread is measured, in pixels.
         warp: How the image is sampled.
@@ -426,15 +431,141 @@ class NoiseExperiment(_Experiment):
     kind: Literal["noise"]
     image: Image
     other: Image
-    noise: float = Field(default=0.05, gt=0)
+    noise: float | None = Field(default=None, gt=0)
     kappa: Kappa
     block: int = Field(default=16, ge=2)
     warp: Warp = Warp()
 
 
+class Surface(_Table):
+    """A surface seen from the front: the face that is made by a formula, or a mesh file.
+
+    Attributes:
+        source: `face`, the mean face of `jaxlens.surfaces`.
+        path: A mesh file (OBJ, PLY, STL; needs the extra `meshes`), relative to the configuration. Its x runs to the
+            right, its y upwards, and it looks towards +z.
+        height: Of the depth map, in pixels.
+        width: Of the depth map, in pixels.
+        unit: What figures and tables call the surface's unit of length.
+    """
+
+    source: Literal["face"] | None = None
+    path: str | None = None
+    height: int = Field(ge=16, le=4096)
+    width: int = Field(ge=16, le=4096)
+    unit: str = "head heights"
+
+    @model_validator(mode="after")
+    def _check(self) -> "Surface":
+        if (self.source is None) == (self.path is None):
+            raise ValueError("must have either 'source' or 'path', and not both")
+        return self
+
+
+class GeodesicsExperiment(_Experiment):
+    """Three distances from the tip of the nose, and two of them on a sphere, where they are known: Eqs. 1 and 2.
+
+    Attributes:
+        surface: The face.
+        step: From one drawn curve of equal distance to the next, in the surface's unit.
+        paths: Points about the nose, evenly spaced by angle, from which shortest paths are drawn.
+        reach: How far out these points lie, as a share of the way to the border of the surface.
+        sizes: Sides of the depth maps of the sphere's cap, in pixels, each larger than the one before.
+        slope: Of the cap at its rim.
+    """
+
+    kind: Literal["geodesics"]
+    surface: Surface
+    step: float = Field(default=0.05, gt=0)
+    paths: int = Field(default=12, ge=1, le=24)
+    reach: float = Field(default=0.9, gt=0, le=1)
+    sizes: list[Annotated[int, Field(ge=16, le=2048)]] = Field(default=[64, 128, 256, 512], min_length=2)
+    slope: float = Field(default=2.0, gt=0, le=20)
+
+    @model_validator(mode="after")
+    def _check(self) -> "GeodesicsExperiment":
+        if any(b <= a for a, b in itertools.pairwise(self.sizes)):
+            raise ValueError(f"'sizes' must grow, got {self.sizes}")
+        return self
+
+
+class Rotations(_Table):
+    """A set of rotations of a camera.
+
+    Attributes:
+        name: What figures and tables call it.
+        turns: Rotation vectors [pan, tilt, roll] in degrees, from one picture to the next: about the camera's y, x
+            and z axis (y down, x right, z forward).
+    """
+
+    name: str
+    turns: list[Annotated[list[float], Field(min_length=3, max_length=3)]] = Field(min_length=1)
+
+
+class RotationExperiment(_Experiment):
+    """The focal length that a rotating camera with a distorting lens finds for itself, as the conclusion claims.
+
+    Attributes:
+        k: Coefficients of the lens x_d = x_u (1 + k r²), r in half diagonals; positive is pincushion.
+        focal_length: Of the camera, in half diagonals of its picture.
+        aspect: Width over height of the picture.
+        rotations: The sets.
+        points: Of the calibration from which a lens is fitted, spread evenly over the picture.
+        noise: Standard deviation of a coordinate of these points, in half diagonals.
+        seeds: Calibrations of each lens.
+    """
+
+    kind: Literal["rotation"]
+    k: list[float] = Field(min_length=2)
+    focal_length: float = Field(default=1.5, gt=0)
+    aspect: float = Field(default=4 / 3, gt=0)
+    rotations: list[Rotations] = Field(min_length=1, max_length=7)
+    points: int = Field(default=200, ge=4, le=100_000)
+    noise: float = Field(default=0.001, gt=0)
+    seeds: int = Field(default=20, ge=2, le=1000)
+
+    @model_validator(mode="after")
+    def _check(self) -> "RotationExperiment":
+        if any(b <= a for a, b in itertools.pairwise(self.k)):
+            raise ValueError(f"'k' must grow, got {self.k}")
+        names = [one.name for one in self.rotations]
+        if len(set(names)) < len(names):
+            raise ValueError("'rotations' must have different names")
+        return self
+
+
+class UnknownExperiment(_Experiment):
+    """Table 1's picture, which was never published, sought among pictures of a face: what the table tells of it.
+
+    Attributes:
+        size: Of the square grid of pixels on which pictures are compared; they need not be square themselves.
+        candidates: Random pictures that are looked at for each way to read Eq. 11 and the table.
+        starts: So many of them, the nearest to the table, are fitted.
+        noise: How far a figure of the table may be off, as a standard deviation, in decibels.
+        profile: Heights of the picture, in head heights, at which the rest is fitted anew.
+        fine: Height in pixels of the pictures, with square pixels and whole gray levels, on which fits are measured
+            again.
+    """
+
+    kind: Literal["unknown"]
+    size: int = Field(default=128, ge=16, le=512)
+    candidates: int = Field(default=200, ge=1, le=100_000)
+    starts: int = Field(default=4, ge=1, le=1000)
+    noise: float = Field(default=0.3, gt=0)
+    profile: list[Annotated[float, Field(ge=0.5, le=2.7)]] = Field(default=[0.8, 1.0, 1.25, 1.6], min_length=2)
+    fine: int = Field(default=400, ge=16, le=2048)
+
+    @model_validator(mode="after")
+    def _check(self) -> "UnknownExperiment":
+        if self.starts > self.candidates:
+            raise ValueError(f"'starts' must not exceed 'candidates' ({self.candidates}), got {self.starts}")
+        return self
+
+
 Experiment = (
     SweepExperiment | ReadingsExperiment | GridsExperiment | PanelsExperiment | InversionExperiment | BoardsExperiment
     | SurfacePlotExperiment | FreeFormExperiment | ProjectionsExperiment | NoiseExperiment
+    | GeodesicsExperiment | RotationExperiment | UnknownExperiment
 )
 KINDS: dict[str, type[Experiment]] = {
     "sweep": SweepExperiment,
@@ -447,4 +578,7 @@ KINDS: dict[str, type[Experiment]] = {
     "free_form": FreeFormExperiment,
     "projections": ProjectionsExperiment,
     "noise": NoiseExperiment,
+    "geodesics": GeodesicsExperiment,
+    "rotation": RotationExperiment,
+    "unknown": UnknownExperiment,
 }

@@ -8,8 +8,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from jaxlens.numerics import is_concrete
-from jaxlens.numerics import as_points, epsilon
+from jaxlens.numerics import as_points, epsilon, is_concrete
 from jaxlens.surfaces._depth_map import DepthMap
 from jaxlens.surfaces._differences import depth_at
 from jaxlens.surfaces._nose_tip import nose_tip
@@ -36,7 +35,8 @@ def geodesic_distance(
     is cut off, and on meshes with creases that is the larger error.
 
     Sweeps over whole rows and columns in four directions (as Weber et al., "Parallel algorithms for approximation of
-    distance maps on parametric surfaces", 2008) are repeated until none lowers a distance by more than 1e-10 of a pixel (1e-4 in single precision).
+    distance maps on parametric surfaces", 2008) are repeated until none lowers a distance by more than 1e-10 of a
+    pixel (1e-4 in single precision, which is several times faster).
 
     Args:
         depth_map: The surface. Ways lead through its mask only, from pixel to pixel in eight directions.
@@ -45,8 +45,10 @@ def geodesic_distance(
 
     Returns:
         `(H, W)` distances in world units; NaN outside the mask, ∞ where no way leads to a source.
-        Differentiable once, forwards and backwards, with respect to the depth, the spacing and the source, where the
-        shortest way is unique (elsewhere along one of the ways); zero where the value is not finite.
+        Differentiable once, forwards and backwards, with respect to the depth, the spacing and the source: as the
+        shortest ways' lengths change (along one of them, where there are several). That is the derivative of the
+        minimum, which the sweeps reach to O(h²): differences of the values agree with it to about 1e-3. Zero where the
+        value is not finite.
 
     Raises:
         ValueError: a source that is not finite, or lies outside the picture or the mask. Under `jax.jit` nothing is

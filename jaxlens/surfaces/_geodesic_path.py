@@ -9,8 +9,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from jaxlens.numerics import is_concrete
-from jaxlens.numerics import as_floating, as_points
+from jaxlens.numerics import as_floating, as_points, is_concrete
 from jaxlens.surfaces._depth_map import DepthMap
 from jaxlens.surfaces._differences import MARGIN, continued, cubic_at, padded_depth
 from jaxlens.surfaces._geodesic import check_inside

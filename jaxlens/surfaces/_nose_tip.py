@@ -6,8 +6,8 @@ from jaxtyping import Array, Float
 
 from jaxlens.surfaces._depth_map import DepthMap
 
-# In units of the face's size, the root of its area: what is smoothed away to find the nose, the surroundings above which
-# it stands out, and what is smoothed away to place its tip.
+# In units of the face's size, the root of its area: what is smoothed away to find the nose, the surroundings above
+# which it stands out, and what is smoothed away to place its tip.
 _NOSE, _SURROUNDINGS, _FINE = 0.025, 0.12, 0.004
 # How far from the coarse place the tip is sought, and how far from the face's middle the nose may stand.
 _WINDOW, _CENTRAL = 0.06, 0.35
@@ -20,8 +20,8 @@ def nose_tip(depth_map: DepthMap) -> Float[Array, "2"]:
     """Finds the tip of the nose of a face that looks at the viewer.
 
     The nose is what, at its own scale, stands out most from its surroundings in the middle of the face, above the
-    plane that fits the whole face best. Its tip is the highest point above the plane that fits the face in a ring about the
-    nose, which takes out how the head is tilted; to a fraction of a pixel by a quadratic.
+    plane that fits the whole face best. Its tip is the highest point above the plane that fits the face in a ring about
+    the nose, which takes out how the head is tilted; to a fraction of a pixel by a quadratic.
 
     It is a heuristic, for depth maps that show a whole face and little else: the scales are shares of the mask's
     area. At 256², for the default `FaceShape` and for a mesh of a mean face, it is off by 0.2 pixels from the front,

@@ -7,7 +7,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from jaxlens.numerics import as_points
 from jaxlens.surfaces._depth_map import DepthMap
-from jaxlens.surfaces._differences import MARGIN, cubic_weights, depth_at, padded_depth
+from jaxlens.surfaces._differences import MARGIN, cubic_at, cubic_weights, padded_depth
 from jaxlens.surfaces._geodesic import check_inside
 
 # Rays beyond the diagonals, for the cubic that reads between rays.
@@ -57,9 +57,12 @@ def radial_geodesic_distance(
 def _radial(depth_map: DepthMap, source: Array) -> Array:
     source = source.astype(depth_map.depth.dtype)
     x, y = _steps(depth_map, source)
-    lengths = _cone(depth_map, source)
+    padded = padded_depth(depth_map)
+    z_source = cubic_at(padded, source)
+    lengths = _cone(depth_map, padded, source, z_source)
     turned = DepthMap(depth_map.depth.T, depth_map.mask.T, depth_map.spacing[::-1])
-    lengths = jnp.where(jnp.abs(x) <= jnp.abs(y), lengths, _cone(turned, source[::-1]).T)
+    sideways = _cone(turned, padded.T, source[::-1], z_source).T
+    lengths = jnp.where(jnp.abs(x) <= jnp.abs(y), lengths, sideways)
     return jnp.where(depth_map.mask, lengths, jnp.nan)
 
 
@@ -71,18 +74,17 @@ def _steps(depth_map: DepthMap, source: Array) -> tuple[Array, Array]:
     return jnp.broadcast_to(x[None, :], depth_map.shape), jnp.broadcast_to(y[:, None], depth_map.shape)
 
 
-def _cone(depth_map: DepthMap, source: Array) -> Array:
+def _cone(depth_map: DepthMap, padded: Array, source: Array, z_source: Array) -> Array:
     """The lengths at pixels that are at least as many rows as columns away; anything elsewhere."""
     height, width = depth_map.shape
     dx, dy = depth_map.spacing
     count = max(height, width)
     x, y = _steps(depth_map, source)
-    z_source = depth_at(depth_map, source)
     rows = y[:, 0]
     # Columns a row: the ray's slope. One ray for each pixel of the last row, were the source in the first.
     slopes = jnp.arange(-count - _SPARE, count + _SPARE + 1, dtype=x.dtype) / count
     crossings = source[0] + slopes[None, :] * rows[:, None]
-    z, inside = _crossed(depth_map, crossings)
+    z, inside = _crossed(depth_map.mask, padded, crossings)
     flat = jnp.sqrt((slopes * dx) ** 2 + dy * dy)
 
     def followed(rows, z, inside):
@@ -121,10 +123,10 @@ def _straight(along: Array, rise: Array) -> Array:
     return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1)), 0)
 
 
-def _crossed(depth_map: DepthMap, crossings: Array) -> tuple[Array, Array]:
+def _crossed(mask: Array, padded: Array, crossings: Array) -> tuple[Array, Array]:
     """The depth where rays cross the rows, and whether there is surface."""
-    height, width = depth_map.shape
-    padded = padded_depth(depth_map)[MARGIN:-MARGIN]
+    height, width = mask.shape
+    padded = padded[MARGIN:-MARGIN]
     place = jnp.clip(crossings, -0.5, width - 0.5)
     first = jnp.floor(lax.stop_gradient(place))
     begin = (jnp.arange(height) * (width + 2 * MARGIN))[:, None] + first.astype(jnp.int32) + (MARGIN - 1)
@@ -133,7 +135,7 @@ def _crossed(depth_map: DepthMap, crossings: Array) -> tuple[Array, Array]:
         for k, weight in enumerate(cubic_weights(place - first))
     )
     nearest = jnp.clip(jnp.round(place), 0, width - 1).astype(jnp.int32)
-    inside = depth_map.mask.ravel()[(jnp.arange(height) * width)[:, None] + nearest]
+    inside = mask.ravel()[(jnp.arange(height) * width)[:, None] + nearest]
     return jnp.asarray(z), inside & (crossings == place)
 
 

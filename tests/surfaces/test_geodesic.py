@@ -4,9 +4,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jaxlens.surfaces._geodesic import geodesic_distance
 
-from jaxlens.surfaces import DepthMap
+from jaxlens.surfaces import DepthMap, geodesic_distance
 
 HEIGHT, WIDTH = 24, 31
 ROWS, COLUMNS = np.mgrid[:HEIGHT, :WIDTH].astype(float)
@@ -95,7 +94,12 @@ def test_exact_geodesics_of_the_polyhedron(x64):
     faces = np.concatenate(
         [
             np.stack(corners, -1)[where]
-            for corners, where in (((a, b, d), falling), ((a, d, c), falling), ((a, b, c), ~falling), ((b, d, c), ~falling))
+            for corners, where in (
+                ((a, b, d), falling),
+                ((a, d, c), falling),
+                ((a, b, c), ~falling),
+                ((b, d, c), ~falling),
+            )
         ]
     )
     points = np.stack([COLUMNS, ROWS, depth], -1).reshape(-1, 3)
@@ -136,44 +140,37 @@ def test_outside_and_out_of_reach(x64):
 
 def test_derivatives(x64):
     """Forward, reverse and central differences, by the depth, the spacing and the source."""
-    depth = jnp.asarray(_bumps(ROWS, COLUMNS))
     random = np.random.default_rng(0)
     mask = jnp.asarray(np.hypot(ROWS - 12, COLUMNS - 15) < 11.3)
-    weights = jnp.asarray(random.normal(size=depth.shape))
-    arguments = depth, jnp.array([1.1, 0.9]), jnp.array([12.3, 10.2])
-    direction = (
-        jnp.asarray(random.normal(size=depth.shape)),
-        jnp.asarray(random.normal(size=2)),
-        jnp.asarray(random.normal(size=2)),
-    )
+    arguments = jnp.asarray(0.5 * _bumps(ROWS, COLUMNS)), jnp.array([1.1, 0.9]), jnp.array([12.3, 10.2])
+    weights, *direction = (jnp.asarray(random.normal(size=size)) for size in (mask.shape, mask.shape, 2, 2))
 
-    @jax.jit
-    def total(depth, spacing, source):
-        distance = geodesic_distance(DepthMap(depth, mask, spacing), source)
-        return jnp.sum(jnp.where(mask, weights * distance, 0))
+    def distance(depth, spacing, source):
+        return jnp.where(mask, geodesic_distance(DepthMap(depth, mask, spacing), source), 0)
 
-    forward = jax.jit(lambda *dots: jax.jvp(total, arguments, dots)[1])
-    gradients = jax.jit(jax.grad(total, argnums=(0, 1, 2)))(*arguments)
+    forward = jax.jit(lambda *dots: jax.jvp(distance, arguments, dots)[1])
+    gradients = jax.jit(jax.grad(lambda *args: jnp.sum(weights * distance(*args)), argnums=(0, 1, 2)))(*arguments)
     assert all(bool(jnp.all(jnp.isfinite(gradient))) for gradient in gradients)
     assert bool(jnp.all(jnp.where(mask, 0, gradients[0]) == 0))
-    zeros = jax.tree.map(jnp.zeros_like, direction)
     for k in range(3):
-        dots = tuple(direction[i] if i == k else zeros[i] for i in range(3))
-        derivative = float(forward(*dots))
-        np.testing.assert_allclose(jnp.sum(gradients[k] * direction[k]), derivative, rtol=1e-9)
+        dots = [dot if i == k else jnp.zeros_like(dot) for i, dot in enumerate(direction)]
+        derivative = forward(*dots)
+        np.testing.assert_allclose(jnp.sum(gradients[k] * direction[k]), jnp.sum(weights * derivative), rtol=1e-9)
         step = 1e-6
         ahead, behind = (
-            total(*(argument + sign * step * dot for argument, dot in zip(arguments, dots, strict=True)))
+            distance(*(argument + sign * step * dot for argument, dot in zip(arguments, dots, strict=True)))
             for sign in (1, -1)
         )
-        # The sweeps hold the best share between two neighbours in closed form, the derivatives in full.
-        np.testing.assert_allclose(float(ahead - behind) / (2 * step), derivative, rtol=2e-3)
+        error = (ahead - behind) / (2 * step) - derivative
+        # The sweeps find the best place between two neighbours to O(h²) only.
+        assert float(jnp.median(jnp.abs(error)[mask])) < 2e-4 * float(jnp.max(jnp.abs(derivative)))
+        assert float(jnp.linalg.norm(error)) < 5e-3 * float(jnp.linalg.norm(derivative))
 
 
 def test_jit_and_vmap(x64):
     depths = jnp.stack([jnp.asarray(_bumps(ROWS, COLUMNS)), jnp.asarray(0.3 * COLUMNS)])
     sources = jnp.array([[3.0, 4.0], [20.0, 11.5]])
-    together = jax.vmap(lambda depth, source: geodesic_distance(DepthMap(depth), source))(depths, sources)
+    together = jax.jit(jax.vmap(lambda depth, source: geodesic_distance(DepthMap(depth), source)))(depths, sources)
     for depth, source, found in zip(depths, sources, together, strict=True):
         np.testing.assert_allclose(found, geodesic_distance(DepthMap(depth), source), rtol=0, atol=1e-9)
 

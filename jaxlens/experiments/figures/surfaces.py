@@ -98,7 +98,7 @@ def draw_surface(
     gray = np.asarray(image, np.float64) / peak
     gray = gray.mean(axis=-1) if gray.ndim == 3 else gray
     rows, columns = (_grid(size, max(gray.shape), _NET if drawing == "mesh" else _FINE) for size in gray.shape)
-    heights = _smoothed(gray, smoothing)[np.ix_(rows, columns)]
+    heights = smoothed(gray, smoothing)[np.ix_(rows, columns)]
     half_diagonal = 0.5 * np.hypot(*gray.shape)
     x = (columns - 0.5 * (gray.shape[1] - 1)) / half_diagonal
     y = (0.5 * (gray.shape[0] - 1) - rows) / half_diagonal
@@ -199,7 +199,7 @@ def _border(points: np.ndarray) -> np.ndarray:
     return np.concatenate([np.stack([side[:-1], side[1:]], axis=1) for side in sides])
 
 
-def _smoothed(gray: np.ndarray, deviation: float) -> np.ndarray:
+def smoothed(gray: np.ndarray, deviation: float) -> np.ndarray:
     """Convolves with a Gaussian cut at four standard deviations; the picture's edge is mirrored."""
     if deviation == 0:
         return gray
