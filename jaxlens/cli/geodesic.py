@@ -120,7 +120,7 @@ def _measure(arguments: Arguments) -> None:
     for level, curves in zip(levels, iso_distance_curves(found.geodesic, levels), strict=True):
         lines += [f"{level:.9g},{i},{x:.3f},{y:.3f}" for i, curve in enumerate(curves) for x, y in curve]
     with style():
-        figure = distance_maps(found, step, unit)
+        figure = distance_maps(found, step, unit, origin="the nose tip" if source is None else "the source")
     folder = arguments.output
     try:
         folder.mkdir(exist_ok=True)

@@ -102,9 +102,8 @@ def _fit(field: BSplineField, source: Array, target: Array, weights: Array, pena
     terms = energy_terms(field.cells, (field.upper - field.lower).astype(dtype))
     energy = jnp.sum(jnp.stack([jnp.kron(along_x, along_y) for along_x, along_y in terms]), axis=0)
     solution = _solve_definite(data + jnp.asarray(penalty, dtype) * energy, right)
-    solution = jnp.where(
-        _spread(*lax.stop_gradient((field, source, weights))) > _ROUNDING_ULPS * epsilon(dtype), solution, jnp.nan
-    )
+    spread = _spread(*lax.stop_gradient((field, source, weights)))
+    solution = jnp.where(spread > _ROUNDING_ULPS * epsilon(dtype), solution, jnp.nan)
     return BSplineField(solution.reshape(field.coefficients.shape), field.lower, field.upper)
 
 

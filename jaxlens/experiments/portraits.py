@@ -7,7 +7,6 @@ square grid of pixels, whatever their aspect: a mean over them is a mean over th
 from dataclasses import dataclass
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -130,7 +129,9 @@ def render(template: Template, parameters: Vector, size: int, peak: float) -> Fl
 
 def render_fine(parameters: Float[np.ndarray, " parameters"], height: int, peak: float) -> np.ndarray:
     """Makes the same picture with square pixels and whole gray levels, by `face` and `shade` themselves."""
-    values = {one.name.removeprefix("log_"): one.shown(value) for one, value in zip(PARAMETERS, parameters, strict=True)}
+    values = {
+        one.name.removeprefix("log_"): one.shown(value) for one, value in zip(PARAMETERS, parameters, strict=True)
+    }
     width = max(1, round(height * values["aspect"]))
     x = (np.arange(width) - 0.5 * (width - 1)) / height - values["x"]
     y = (np.arange(height) - 0.5 * (height - 1)) / height - values["y"]

@@ -101,9 +101,7 @@ def _homographies(
 
         def undistorted(kappa: Array) -> Array:
             lens = RadialPolynomial(kappa[None])
-            return plane_homographies(
-                lens.invert(before).points, lens.invert(after).points, seen.astype(before.dtype)
-            )
+            return plane_homographies(lens.invert(before).points, lens.invert(after).points, seen.astype(before.dtype))
 
         return lax.map(undistorted, kappa)
 
@@ -111,7 +109,7 @@ def _homographies(
 
 
 def _fitted(camera: RotatingCamera, key: Array, points: int, noise: Array) -> Float[Array, ""]:
-    """The coefficient as a calibration from points finds it, spread evenly over the picture, with noise in their places."""
+    """The coefficient as a calibration finds it from points with noise, spread evenly over the picture."""
     places, errors = jax.random.split(key)
     dtype = camera.half_field.dtype
     observed = camera.half_field[None] * jax.random.uniform(places, (points, 2), dtype, -1, 1)

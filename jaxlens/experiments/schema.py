@@ -563,9 +563,19 @@ class UnknownExperiment(_Experiment):
 
 
 Experiment = (
-    SweepExperiment | ReadingsExperiment | GridsExperiment | PanelsExperiment | InversionExperiment | BoardsExperiment
-    | SurfacePlotExperiment | FreeFormExperiment | ProjectionsExperiment | NoiseExperiment
-    | GeodesicsExperiment | RotationExperiment | UnknownExperiment
+    SweepExperiment
+    | ReadingsExperiment
+    | GridsExperiment
+    | PanelsExperiment
+    | InversionExperiment
+    | BoardsExperiment
+    | SurfacePlotExperiment
+    | FreeFormExperiment
+    | ProjectionsExperiment
+    | NoiseExperiment
+    | GeodesicsExperiment
+    | RotationExperiment
+    | UnknownExperiment
 )
 KINDS: dict[str, type[Experiment]] = {
     "sweep": SweepExperiment,

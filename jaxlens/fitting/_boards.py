@@ -285,6 +285,9 @@ class _Pose(Problem):
 
 
 def _start(lens: Lens, boards: Boards, size: Array, camera_matrix: Array | None) -> tuple[Frame, Poses]:
+    # A view without corners, of weights that were not known before, starts as another: it must only be finite.
+    taken = jnp.sum(boards.weights > 0, axis=1) >= _CORNERS
+    boards = boards.view(jnp.where(taken, jnp.arange(taken.shape[0]), jnp.argmax(taken)))
     if camera_matrix is None:
         center = 0.5 * (size - 1)
         matrices = plane_homographies(boards.points, boards.observed, boards.weights)

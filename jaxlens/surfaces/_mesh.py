@@ -8,8 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
-from jaxlens.numerics import is_concrete
-from jaxlens.numerics import as_floating
+from jaxlens.numerics import as_floating, is_concrete
 
 
 class Mesh(eqx.Module):

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
-from matplotlib.colors import BoundaryNorm, Normalize
+from matplotlib.colors import BoundaryNorm, ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullFormatter, NullLocator
 
@@ -17,7 +17,6 @@ from jaxlens.experiments.figures.style import (
     FAINT,
     GREEN,
     MUTED,
-    ORANGE,
     VERMILLION,
     WIDTH,
     bare,
@@ -38,8 +37,8 @@ _MOST = 99.0
 _MARKS = ((VERMILLION, "s", "--"), (BLUE, "o", "-"), (GREEN, "^", ":"))
 
 
-def distance_maps(found: Distances, step: float, unit: str) -> Figure:
-    """Draws the three distances from the tip of the nose as curves of equal distance over the shaded surface."""
+def distance_maps(found: Distances, step: float, unit: str, *, origin: str = "the nose tip") -> Figure:
+    """Draws the three distances from a point as curves of equal distance over the shaded surface."""
     maps = (found.planar, found.radial, found.geodesic)
     box = _box(found)
     side, high = _cells(box, len(maps))
@@ -62,14 +61,14 @@ def distance_maps(found: Distances, step: float, unit: str) -> Figure:
         )
     axes = place(figure, WIDTH - _MARGIN - _BAR + 0.12, _MARGIN + _TITLE + 0.1, 0.13, high - 0.2)
     stops = step * np.arange(0, len(levels) + 1)
-    shades = matplotlib.colors.ListedColormap([colors(norm(stop)) for stop in stops])
+    shades = ListedColormap([colors(norm(stop)) for stop in stops])
     bar = figure.colorbar(
         ScalarMappable(BoundaryNorm(np.append(stops, stops[-1] + step) - step / 2, len(stops)), shades), cax=axes
     )
     every = max(1, round(len(stops) / 8))
-    bar.set_ticks(stops[::every], labels=[f"{stop:.3g}" for stop in stops[::every]])
+    bar.set_ticks(stops[::every].tolist(), labels=[f"{stop:.3g}" for stop in stops[::every]])
     bar.ax.minorticks_off()
-    bar.set_label(plain(f"distance from the nose tip  [{unit}]"))
+    bar.set_label(plain(f"distance from {origin}  [{unit}]"))
     bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
     return figure
 
@@ -136,9 +135,9 @@ def path_panel(found: Distances, ways: Sequence[Way], unit: str) -> Figure:
     columns = (0.3, 0.5, 0.75, 1.0)
     names = ("planar", "radial", "geodesic", "radial\nlonger by")
     for x, name in zip(columns, names, strict=True):
-        table.text(x, -0.2, name, ha="right", va="center", color=MUTED, linespacing=1.1)
+        table.text(x, -0.2, name, ha="right", va="center_baseline", color=MUTED, linespacing=1.1)
     table.text(0.0, -1.8, plain(f"way to the nose tip, in {unit}"), va="center", fontsize=10)
-    table.text(0.04, -0.2, "way", ha="center", va="center", color=MUTED)
+    table.text(0.04, -0.2, "way", ha="center", va="center_baseline", color=MUTED)
     table.axhline(0.5, color=FAINT, linewidth=0.8)
     for row, way in enumerate(ways):
         table.text(0.04, row + 1, str(row + 1), ha="center", va="center")
@@ -177,8 +176,14 @@ def convergence_chart(sizes: Sequence[int], found: Sequence[Convergence]) -> Fig
             guide = start * (ends[0] / ends) ** float(order)
             axes.plot(ends, guide, color=MUTED, linewidth=0.8, zorder=0)
             axes.annotate(
-                f"order {order}", (ends[1], guide[1]), (4, 0), textcoords="offset points", fontsize=8, color=MUTED,
-                va="center", annotation_clip=False,
+                f"order {order}",
+                (ends[1], guide[1]),
+                (4, 0),
+                textcoords="offset points",
+                fontsize=8,
+                color=MUTED,
+                va="center",
+                annotation_clip=False,
             )
     places[0].set_ylabel("error  [radii of the sphere]")
     handles, labels = places[0].get_legend_handles_labels()
@@ -187,8 +192,8 @@ def convergence_chart(sizes: Sequence[int], found: Sequence[Convergence]) -> Fig
 
 
 def _levels(limit: float) -> np.ndarray:
-    """About eight round levels from zero on."""
-    ticks = MaxNLocator(8).tick_values(0, max(limit, 1e-9))
+    """About ten round levels from zero on."""
+    ticks = np.asarray(MaxNLocator(10).tick_values(0, max(limit, 1e-9)))
     return ticks[(ticks >= 0) & (ticks <= limit * (1 + 1e-9))] if limit > 0 else np.array([0.0, 1e-9])
 
 

@@ -82,15 +82,15 @@ def residual_chart(found: Mapping[bool, Mapping[Reading, Found]], noise: float) 
         axes.set_axisbelow(True)
         for edge in (5.5, 10.5):
             axes.axvline(edge, color=FAINT, linewidth=0.8)
-    names = [label.removeprefix("PSNR ").removeprefix("MAE ") for label in LABELS]
+    names = [label.removeprefix("RMSE ").removeprefix("MAE ") for label in LABELS]
     places[-1].set_xticks(positions, [name.replace(" ", "") for name in names])
     for middle, name in ((2.5, "RMSE at κ₁, κ₂"), (8, "MAE at κ₁, κ₂")):
         places[-1].text(
-            middle, -0.3, name, transform=places[-1].get_xaxis_transform(), ha="center", va="top", color=MUTED
+            middle, -0.2, name, transform=places[-1].get_xaxis_transform(), ha="center", va="top", color=MUTED
         )
     handles, labels = places[0].get_legend_handles_labels()
-    band = Line2D([], [], color=FAINT, linewidth=7, label=f"± {noise:g} dB")
-    figure.legend([*handles, band], [*labels, band.get_label()], loc="outside upper center", ncols=4)
+    band = Line2D([], [], color=FAINT, linewidth=7)
+    figure.legend([*handles, band], [*labels, f"± {noise:g} dB"], loc="outside upper center", ncols=4)
     return figure
 
 
@@ -117,14 +117,15 @@ def knowledge_chart(found: Mapping[Reading, Found], noise: float) -> Figure:
     for index, (low, high) in enumerate(zip((lower - middle) / spread, (upper - middle) / spread, strict=True)):
         for bound in (low, high):
             if abs(bound) < 3:
-                axes.plot([bound, bound], [index - 0.41, index + 0.41], color=MUTED, linewidth=1.2)
+                label = None if "bound" in axes.get_legend_handles_labels()[1] else "bound"
+                axes.plot([bound, bound], [index - 0.41, index + 0.41], color=MUTED, linewidth=1.2, label=label)
     axes.set_yticks(positions, [one.meaning for one in PARAMETERS])
     axes.invert_yaxis()
     axes.axvline(0, color=MUTED, linewidth=0.8, zorder=0)
-    axes.set_xlabel("departure from what was expected  [standard deviations of the expectation]")
+    axes.set_xlabel("departure from the expectation  [its standard deviations]")
     axes.tick_params(axis="y", length=0, labelcolor="black")
     axes.spines["left"].set_visible(False)
-    figure.legend(loc="outside upper center", ncols=4)
+    figure.legend(loc="outside upper center", ncols=5, columnspacing=1.3)
     return figure
 
 
@@ -145,22 +146,22 @@ def profile_chart(
     axes.set_xlabel("height of the picture  [head heights]; small: a large face")
     axes.set_ylabel("RMS distance from\nthe table  [dB]")
     axes.grid(axis="y")
-    star = Line2D([], [], color=MUTED, marker="*", linestyle="none", markersize=11, label="height fitted, too")
+    star = Line2D([], [], color=MUTED, marker="*", linestyle="none", markersize=11)
     handles, labels = axes.get_legend_handles_labels()
-    figure.legend([*handles, star], [*labels, star.get_label()], loc="outside upper center", ncols=4)
+    figure.legend([*handles, star], [*labels, "height fitted, too"], loc="outside upper center", ncols=4)
     return figure
 
 
-def exact_panel(found: Sequence[tuple[Exact, float]]) -> Figure:
+def exact_panel(found: Sequence[tuple[Exact, float, Reading]]) -> Figure:
     """Draws pictures with exactly the table's figures: before, after, and the change.
 
     Args:
-        found: The pictures, and their widths over their heights.
+        found: The pictures, their widths over their heights, and how Eq. 11 is read.
     """
     columns, side = 3, 1.75
     width = 2 * _MARGIN + columns * side + (columns - 1) * _GAP
     figure = new_figure(width, 2 * _MARGIN + _TITLE + len(found) * (side + _NOTE), by_hand=True)
-    for row, (one, aspect) in enumerate(found):
+    for row, (one, aspect, reading) in enumerate(found):
         top = _MARGIN + _TITLE + row * (side + _NOTE)
         high, wide = side / max(1.0, aspect), side * min(1.0, aspect)
         changed = one.after - one.before
@@ -176,6 +177,6 @@ def exact_panel(found: Sequence[tuple[Exact, float]]) -> Figure:
             bare(axes)
             if row == 0:
                 axes.set_title(title, pad=4)
-            note = ("", f"off by {one.off:.0e} dB at most", f"RMS {one.change:.1f} gray levels")[column]
+            note = (reading, f"off by {one.off:.0e} dB at most", f"RMS {one.change:.1f} gray levels")[column]
             axes.set_xlabel(note, color=MUTED, labelpad=3)
     return figure

@@ -1,7 +1,10 @@
 """A camera calibrated with several lenses, and each judged on views that it has not seen."""
 
+from functools import partial
 from pathlib import Path
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from rich.console import Console, RenderableType
@@ -16,7 +19,7 @@ from jaxlens.experiments.reports import plain_table
 from jaxlens.experiments.schema import BoardModel, BoardsExperiment
 from jaxlens.experiments.tables import Value, write_csv
 from jaxlens.files import file_sha256
-from jaxlens.fitting import Boards, Fit, calibrate, evaluate
+from jaxlens.fitting import Boards, Fit, FitStatus, calibrate, evaluate
 from jaxlens.lenses import BrownConrady
 
 
@@ -42,7 +45,7 @@ def perform_boards(
     fits: list[Fit] = []
     with progress_bar(progress, experiment.name, len(experiment.models)) as advance:
         for model in experiment.models:
-            fit = _calibrate(model, boards, (width, height))
+            fit = _calibrate(model, boards, (width, height), np.ones(len(views), bool))
             fits.append(fit)
             errors = np.asarray(fit.standard_errors)
             for name, value, error in zip(fit.names, np.asarray(fit.values), errors, strict=True):
@@ -67,29 +70,39 @@ def perform_boards(
     return Outcome([facts], {}, _report(experiment, fits, models))
 
 
-def _calibrate(model: BoardModel, boards: Boards, size: tuple[int, int]) -> Fit:
-    # What speaks against a fit is a column of the table.
-    import warnings
+def _calibrate(model: BoardModel, boards: Boards, size: tuple[int, int], views: np.ndarray) -> Fit:
+    """A calibration from some of the views.
 
-    from jaxlens.fitting import FitWarning
+    Raises:
+        ExperimentError: it did not converge, or the views do not determine it.
+    """
+    fit = _fit(_only(boards, views), terms=model.terms, fixed=tuple(model.fixed), size=size)
+    if int(fit.status) != FitStatus.CONVERGED:
+        reason = FitStatus(int(fit.status)).name.lower().replace("_", " ")
+        raise ExperimentError(f"model {model.name!r}, {views.sum()} of {views.size} views: {reason}")
+    return fit
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FitWarning)
-        return calibrate(BrownConrady([0.0] * model.terms), boards, size, fixed=model.fixed)
+
+@partial(jax.jit, static_argnames=("terms", "fixed", "size"))
+def _fit(boards: Boards, *, terms: int, fixed: tuple[str, ...], size: tuple[int, int]) -> Fit:
+    return calibrate(BrownConrady([0.0] * terms), boards, size, fixed=fixed, throw=False)
+
+
+def _only(boards: Boards, views: np.ndarray) -> Boards:
+    """The boards with no weight on the other views: whichever are left out, it is one program."""
+    return eqx.tree_at(lambda boards: boards.weights, boards, jnp.where(views[:, None], boards.weights, 0))
 
 
 def _held_out(model: BoardModel, boards: Boards, size: tuple[int, int], every: int) -> float:
     """The RMS over all views, each judged by a calibration without it and those held out with it."""
-    views = np.arange(boards.observed.shape[0])
+    turns = np.arange(boards.observed.shape[0]) % every
     squares = count = 0.0
-    for turn in range(every):
-        out = views % every == turn
-        if not out.any():
-            continue
-        fit = _calibrate(model, boards.view(np.flatnonzero(~out)), size)
+    for turn in np.unique(turns):
+        out = turns == turn
+        fit = _calibrate(model, boards, size, ~out)
         assert fit.frame is not None
-        judged = evaluate(fit.lens, fit.frame, boards.view(np.flatnonzero(out)))
-        seen = float(jnp.sum(boards.weights[np.flatnonzero(out)]))
+        judged = evaluate(fit.lens, fit.frame, _only(boards, out))
+        seen = float(jnp.sum(boards.weights[out]))
         squares, count = squares + float(judged.rms) ** 2 * seen, count + seen
     return float(np.sqrt(squares / count))
 

@@ -83,28 +83,29 @@ def _report(
 ) -> list[RenderableType]:
     facts = _facts(found)
     unit = experiment.surface.unit
-    rows = [
-        [str(number), f"{way.planar:.4f}", f"{way.radial:.4f}", f"{way.geodesic:.4f}"]
-        + [f"{100 * (way.radial / way.geodesic - 1):.2f} %"]
-        for number, way in enumerate(ways, 1)
-    ]
-    errors = [
-        [f"{one.name}, {size}²" if not index else f"{size}²", f"{mean:.2e}", f"{largest:.2e}"]
-        + ["" if np.isnan(order) else f"{order:.2f}"]
-        for one in cap
-        for index, (size, mean, largest, order) in enumerate(
-            zip(experiment.sizes, one.mean, one.largest, one.orders, strict=True)
-        )
-    ]
+    rows = []
+    for number, way in enumerate(ways, 1):
+        lengths = [f"{length:.4f}" for length in (way.planar, way.radial, way.geodesic)]
+        rows.append([str(number), *lengths, f"{100 * (way.radial / way.geodesic - 1):.2f} %"])
+    errors = []
+    for one in cap:
+        columns = zip(experiment.sizes, one.mean, one.largest, one.orders, strict=True)
+        for index, (size, mean, largest, order) in enumerate(columns):
+            name = f"{size}²" if index else f"{one.name}, {size}²"
+            errors.append([name, f"{mean:.2e}", f"{largest:.2e}", f"{order:.2f}" if index else ""])
     x, y = found.source
     return [
         plain_table(
-            experiment.title or experiment.name, [f"way, in {unit}", "planar", "radial", "geodesic", "radial longer"], rows
+            experiment.title or experiment.name,
+            [f"way, in {unit}", "planar", "radial", "geodesic", "radial longer"],
+            rows,
         ),
         Text(
             f"Nose tip at pixel ({x:.2f}, {y:.2f}). Over all pixels the radial distance is "
             f"{100 * (float(str(facts['radial_over_geodesic_mean'])) - 1):.2f} % longer than the shortest one in the "
             f"mean, {100 * (float(str(facts['radial_over_geodesic_largest'])) - 1):.1f} % at most.\n"
         ),
-        plain_table("A sphere's cap: errors in radii", ["distance, size", "mean", "largest", "order of the mean"], errors),
+        plain_table(
+            "A sphere's cap: errors in radii", ["distance, size", "mean", "largest", "order of the mean"], errors
+        ),
     ]

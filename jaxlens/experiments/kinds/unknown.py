@@ -36,7 +36,7 @@ from jaxlens.experiments.unknown_pictures import (
 )
 
 # Pictures shown of each reading, and those of them that are changed until they meet the table.
-_SHOWN, _CHANGED = 4, 2
+_SHOWN, _CHANGED = 3, 2
 
 Best = dict[Hypothesis, list[Found]]
 
@@ -64,15 +64,15 @@ def perform_unknown(experiment: UnknownExperiment, folder: Path, progress: Conso
             for one in best[hypothesis][:_CHANGED]:
                 exact[hypothesis.reading].append(_changed(search, one))
             advance(_CHANGED)
-    nearest = {
+    nearest: dict[bool, dict[Reading, Found]] = {
         exchanged: {one.reading: best[one][0] for one in HYPOTHESES if one.exchanged == exchanged}
         for exchanged in (False, True)
     }
-    pictures = {
+    pictures: dict[Reading, list[tuple[np.ndarray, float]]] = {
         one.reading: [(render_fine(each.parameters, experiment.fine, paper.PEAK), each.rms) for each in best[one]]
         for one in printed
     }
-    again = {
+    again: dict[Reading, np.ndarray] = {
         reading: _measured_again(several[0][0], reading, experiment.dtype) for reading, several in pictures.items()
     }
     write_csv(folder, _figures(best))
@@ -82,7 +82,9 @@ def perform_unknown(experiment: UnknownExperiment, folder: Path, progress: Conso
     save(residual_chart(nearest, experiment.noise), folder, "residuals", vector=True)
     save(knowledge_chart(nearest[False], experiment.noise), folder, "knowledge", vector=True)
     save(profile_chart(experiment.profile, profiles, nearest[False]), folder, "profile", vector=True)
-    met = [each for several in exact.values() for each in several if each[0].met]
+    met: list[tuple[Exact, float, Reading]] = [
+        (one, aspect, reading) for reading in READINGS for one, aspect in exact[reading] if one.met
+    ]
     if met:
         save(exact_panel(met), folder, "exact")
     return Outcome([], _facts(best, exact, again, experiment.noise), _report(experiment, best, exact, again))
@@ -110,7 +112,6 @@ def _figures(best: Best) -> dict[str, list[Value]]:
     for hypothesis, (first, *_) in best.items():
         theirs = goal(hypothesis.exchanged)
         for label, paper_value, ours, difference in zip(LABELS, theirs, first.measures, first.residuals, strict=True):
-            label = label.replace("PSNR", "RMSE")
             row = (hypothesis.reading, _yes(hypothesis.exchanged), label, paper_value, ours, difference)
             for name, value in zip(columns, row, strict=True):
                 columns[name].append(value)
@@ -185,15 +186,16 @@ def _report(
         gray = one.measures - goal(hypothesis.exchanged)
         rows.append(
             [
-                hypothesis.name,
+                hypothesis.reading,
+                "exchanged" if hypothesis.exchanged else "as printed",
                 f"{one.rms:.3f}",
-                f"{one.residuals[worst]:+.2f} ({LABELS[worst].replace('PSNR', 'RMSE')})",
+                f"{one.residuals[worst]:+.2f} ({LABELS[worst]})",
                 f"{np.sqrt(np.mean(gray**2)):.2f}",
                 f"{np.sum(known.strengths > 1)} of {len(PARAMETERS)}",
                 f"{known.condition:.0f}",
             ]
         )
-    header = ["reading of Eq. 11", "RMS\ndB", "worst\ndB", "RMS\ngray levels", "determined\ncombinations", "condition"]
+    header = ["reading", "last rows", "RMS\ndB", "worst\ndB", "RMS\ngray", "determined", "condition"]
     printed = [one for one in best if not one.exchanged]
     lines = []
     for reading in READINGS:
@@ -201,27 +203,20 @@ def _report(
         changes = [f"{one.change:.1f}" for one, _ in several if one.met]
         text = f"after changes of {' and '.join(changes)} gray levels (RMS)" if changes else "not found nearby"
         lines.append(f"  {reading}: {text}")
+    estimates = [(best[one][0], best[one][0].knowledge(experiment.noise)) for one in printed]
     table = plain_table(
-        "Estimate ± standard error",
+        "Estimates ± standard errors; of heights, gamma and aspect the logarithms",
         ["", "expected", *(one.reading for one in printed)],
         [
             [parameter.meaning, f"{parameter.middle:g} ± {parameter.spread:g}"]
-            + [
-                f"{best[one][0].parameters[index]:.3f} ± {best[one][0].knowledge(experiment.noise).standard_errors[index]:.3f}"
-                for one in printed
-            ]
+            + [f"{one.parameters[index]:.2f} ± {known.standard_errors[index]:.2f}" for one, known in estimates]
             for index, parameter in enumerate(PARAMETERS)
         ],
     )
     whole = ", ".join(f"{reading} {np.sqrt(np.mean(one**2)):.3f}" for reading, one in again.items())
     return [
         plain_table(experiment.title or experiment.name, header, rows),
-        Text(f"The same with square pixels and whole gray levels, RMS in dB: {whole}.\n"),
+        Text(f"With square pixels and whole gray levels, RMS in dB: {whole}.\n"),
         table,
-        Text("Pictures with exactly the table's figures (as printed):\n" + "\n".join(lines) + "\n" + "\n".join(READING_NOTE)),
+        Text("Pictures with exactly the table's figures, as printed:\n" + "\n".join(lines)),
     ]
-
-
-READING_NOTE = (
-    "Mirrored or upside down, a picture has the same figures up to Eq. 10's half pixel; the table cannot tell which.",
-)
