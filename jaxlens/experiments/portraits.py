@@ -128,25 +128,35 @@ def render(template: Template, parameters: Vector, size: int, peak: float) -> Fl
 
 
 def render_fine(parameters: Float[np.ndarray, " parameters"], height: int, peak: float) -> np.ndarray:
-    """Makes the same picture with square pixels and whole gray levels, by `face` and `shade` themselves."""
+    """Makes the same picture with square pixels and whole gray levels, by `face` and `shade` themselves.
+
+    Args:
+        parameters: Of the picture.
+        height: In pixels; its width follows from the aspect.
+        peak: The brightest gray level.
+    """
     values = {
         one.name.removeprefix("log_"): one.shown(value) for one, value in zip(PARAMETERS, parameters, strict=True)
     }
     width = max(1, round(height * values["aspect"]))
-    x = (np.arange(width) - 0.5 * (width - 1)) / height - values["x"]
-    y = (np.arange(height) - 0.5 * (height - 1)) / height - values["y"]
-    # Pixels of another picture of the same face, whose middle is the face's own.
-    rows, columns = 2 * int(np.ceil(np.abs(y).max() * height)) + 4, 2 * int(np.ceil(np.abs(x).max() * height)) + 4
-    view = values["view"] * rows / height
-    surface = face(rows, columns, view=view)
-    light = (values["light_x"], values["light_y"], 1.0)
-    albedo = face_albedo(rows, columns, view=view)
-    picture = shade(surface, light=light, ambient=values["ambient"], albedo=albedo)
-    places = np.stack(np.meshgrid(x * height + 0.5 * (columns - 1), y * height + 0.5 * (rows - 1)), axis=-1)
-    lit = np.maximum(np.asarray(remap(picture, places)), _DARK) ** values["gamma"]
-    cover = np.asarray(remap(surface.mask.astype(picture.dtype), places))
-    lit = cover * lit / np.max(cover * lit) + (1 - cover) * values["background"]
-    return np.round(peak * lit / lit.max())
+    # Larger than the picture, so that no detail is lost between its pixels; its shape is the same for all pictures.
+    tall, wide = 2 * height, -(-3 * height // 2)
+    surface = face(tall, wide, view=_VIEW)
+    lit = shade(
+        surface,
+        light=[values["light_x"], values["light_y"], 1.0],
+        ambient=values["ambient"],
+        albedo=face_albedo(tall, wide, view=_VIEW),
+    )
+    skin = np.maximum(np.asarray(lit), _DARK) ** values["gamma"]
+    step = values["view"] / _VIEW * tall / height
+    columns = (np.arange(width) - 0.5 * (width - 1) - values["x"] * height) * step + 0.5 * (wide - 1)
+    rows = (np.arange(height) - 0.5 * (height - 1) - values["y"] * height) * step + 0.5 * (tall - 1)
+    places = np.stack(np.meshgrid(columns, rows), axis=-1)
+    cover = np.asarray(surface.mask, skin.dtype)
+    planes = np.asarray(remap(np.stack([cover, cover * skin], axis=-1), places))
+    picture = planes[..., 1] / planes[..., 1].max() + (1 - planes[..., 0]) * values["background"]
+    return np.round(peak * picture / picture.max())
 
 
 def random_parameters(count: int, seed: int) -> Float[np.ndarray, "count parameters"]:

@@ -41,7 +41,7 @@ class Biases:
         return np.sqrt(np.mean(self.fitted**2, axis=1))
 
 
-def rotations_of(turns: Sequence[Sequence[float]], dtype: str) -> Float[Array, "views 3 3"]:
+def rotations_of(turns: Sequence[Sequence[float | int]], dtype: str) -> Float[Array, "views 3 3"]:
     """Returns the matrices of rotation vectors [pan, tilt, roll] in degrees."""
     pan, tilt, roll = np.radians(np.asarray(turns, np.float64)).T
     return rotation_matrix(jnp.asarray(np.stack([tilt, pan, roll], axis=1), dtype))

@@ -11,14 +11,16 @@ import numpy as np
 from jax.tree_util import DictKey, GetAttrKey, SequenceKey, keystr
 from jaxtyping import Array, Float, PyTree
 
+from jaxlens.deformations import Homography
 from jaxlens.lenses import BrownConrady, RadialPolynomial
 from jaxlens.maps import CoordinateMap
 
-# Names that the field has for the numbers of a vector.
+# Names that the field has for the numbers of a vector or matrix.
 _OPENCV = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 _SYMBOLS = {
     (RadialPolynomial, "coefficients"): lambda i: f"kappa{i + 1}",
     (BrownConrady, "coefficients"): lambda i: _OPENCV[i],
+    (Homography, "matrix"): lambda i, j: f"h{i + 1}{j + 1}",
 }
 
 
@@ -164,7 +166,7 @@ def _names(tree: PyTree, path: tuple, shape: tuple[int, ...]) -> list[str]:
     name = getattr(last, "name", None) or str(getattr(last, "key", "value"))
     for (kind, field), symbol in _SYMBOLS.items():
         if isinstance(owner, kind) and field == name:
-            return [symbol(i) for i in range(shape[0])]
+            return [symbol(*index) for index in np.ndindex(*shape)]
     if shape == ():
         return [name]
     if name in ("center", "principal_point", "focal_length") and shape == (2,):

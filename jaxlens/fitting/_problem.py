@@ -12,7 +12,7 @@ from jax import lax
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
-from jaxlens.fitting._definite import solve_definite
+from jaxlens.definite import solve_definite
 from jaxlens.fitting._result import Fit, FitStatus
 from jaxlens.fitting._robust import Loss, influence, noise_scale, robustify
 from jaxlens.fitting._solver import NormalLevenbergMarquardt, Unknowns, normal_equations

@@ -20,7 +20,7 @@ import optimistix as optx
 from jax import lax
 from jaxtyping import Array, Bool, Float, PyTree
 
-from jaxlens.fitting._definite import solve_definite
+from jaxlens.definite import solve_definite
 from jaxlens.numerics import epsilon
 
 _FIRST_DAMPING = 1e-6

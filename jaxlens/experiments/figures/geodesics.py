@@ -120,7 +120,8 @@ def path_panel(found: Distances, ways: Sequence[Way], unit: str) -> Figure:
         axes.plot(*way.points.T, "-", color="white", linewidth=3.2)
         axes.plot(*way.points.T, "-", color=BLUE, linewidth=1.7)
         axes.text(
-            *way.start,
+            float(way.start[0]),
+            float(way.start[1]),
             str(number),
             ha="center",
             va="center",

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxlens.fitting._definite import solve_definite
+from jaxlens.definite import solve_definite
 
 
 @pytest.mark.parametrize("size", [1, 5, 8, 9])
