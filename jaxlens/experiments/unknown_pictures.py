@@ -34,7 +34,8 @@ LABELS = (
 
 # Radii at which the readings' factors are tabulated: their error is then below 1e-6.
 _RADII = np.linspace(0, 1.05, 2049)
-_MOST_STEPS = 30
+# Of a fit, and how often the best one is taken up again: the way to the minimum is long and crooked.
+_MOST_STEPS, _ROUNDS = 20, 3
 # The share of random pictures from which starts are taken.
 _GOOD = 0.06
 
@@ -288,6 +289,15 @@ class Search:
             np.asarray(jacobian, np.float64),
             float(loss),
         )
+
+    def refined(self, found: Found) -> Found:
+        """Goes on from what was found, as long as that gains anything."""
+        for _ in range(_ROUNDS):
+            better = self.fitted(found.hypothesis, found.parameters)
+            if not better.loss < found.loss:
+                break
+            found = better
+        return found
 
     def picture(self, parameters: Sequence[float] | np.ndarray) -> Float[np.ndarray, "size size"]:
         """Returns the picture of parameters."""
