@@ -35,7 +35,7 @@ LABELS = (
 # Radii at which the readings' factors are tabulated: their error is then below 1e-6.
 _RADII = np.linspace(0, 1.05, 2049)
 # Of a fit, and how often the best one is taken up again: the way to the minimum is long and crooked.
-_MOST_STEPS, _ROUNDS = 20, 3
+_MOST_STEPS, _ROUNDS = 20, 2
 # The share of random pictures from which starts are taken.
 _GOOD = 0.06
 
@@ -190,6 +190,8 @@ class TableProblem(Problem):
         noise: Their standard deviation, in decibels.
         middle: The expected parameters.
         spread: Their standard deviations.
+        lower: The least that they may be.
+        upper: The largest.
         size: Of the grid.
     """
 
@@ -200,6 +202,8 @@ class TableProblem(Problem):
     noise: Float[Array, ""]
     middle: Float[Array, " parameters"]
     spread: Float[Array, " parameters"]
+    lower: Float[Array, " parameters"]
+    upper: Float[Array, " parameters"]
     size: int = eqx.field(static=True)
 
     def decibels(self, parameters: Float[Array, " parameters"]) -> Float[Array, " figures"]:
@@ -254,15 +258,14 @@ class Search:
 
     def problem(self, hypothesis: Hypothesis, held: tuple[int, float] | None = None) -> TableProblem:
         """Returns the problem of a hypothesis; on request with one parameter held at a value."""
-        middle, spread, *_ = bounds()
+        middle, spread, lower, upper = bounds()
         if held is not None:
-            index, value = held
-            middle[index], spread[index] = value, 1e-4 * spread[index]
-        count = len(LABELS) + len(PARAMETERS)
-        arrays = (np.ones((1, count)), goal(hypothesis.exchanged), self._noise, middle, spread)
-        weights, figures, noise, middle, spread = (jnp.asarray(array, self._dtype) for array in arrays)
+            lower[held[0]] = upper[held[0]] = held[1]
+        weights = np.ones((1, len(LABELS) + len(PARAMETERS)))
+        arrays = (weights, goal(hypothesis.exchanged), self._noise, middle, spread, lower, upper)
+        weights, figures, noise, *expected = (jnp.asarray(array, self._dtype) for array in arrays)
         factors = self._factors[hypothesis.reading]
-        return TableProblem(weights, self.template, factors, figures, noise, middle, spread, self._size)
+        return TableProblem(weights, self.template, factors, figures, noise, *expected, size=self._size)
 
     def screened(self, hypothesis: Hypothesis, candidates: int, count: int, seed: int) -> np.ndarray:
         """Returns the best of many random pictures; half of them instead not much worse, and far apart."""
@@ -276,9 +279,6 @@ class Search:
     def fitted(self, hypothesis: Hypothesis, start: np.ndarray, held: tuple[int, float] | None = None) -> Found:
         """Fits from a start."""
         problem = self.problem(hypothesis, held)
-        start = np.array(start)
-        if held is not None:
-            start[held[0]] = held[1]
         parameters, loss = _fit(problem, jnp.asarray(start, self._dtype))
         residuals, measured, jacobian = _looked_at(problem, parameters)
         return Found(
@@ -298,6 +298,18 @@ class Search:
                 break
             found = better
         return found
+
+    def profile(self, best: Found, name: str, values: Sequence[float]) -> list[Found]:
+        """Holds a parameter at values, and fits the rest anew, outwards from the best: each from its neighbour."""
+        index = next(index for index, one in enumerate(PARAMETERS) if one.name == name)
+        own, found = best.parameters[index], {}
+        for side in (sorted(v for v in values if v >= own), sorted((v for v in values if v < own), reverse=True)):
+            last = best
+            for value in side:
+                held = (index, value)
+                near = self.fitted(best.hypothesis, last.parameters, held)
+                last = found[value] = self.fitted(best.hypothesis, near.parameters, held)
+        return [found[value] for value in values]
 
     def picture(self, parameters: Sequence[float] | np.ndarray) -> Float[np.ndarray, "size size"]:
         """Returns the picture of parameters."""
@@ -320,7 +332,7 @@ def _losses(problem: TableProblem, many: Float[Array, "count parameters"]) -> Fl
 def _fit(
     problem: TableProblem, start: Float[Array, " parameters"]
 ) -> tuple[Float[Array, " parameters"], Float[Array, ""]]:
-    _, _, lower, upper = (jnp.asarray(one, start.dtype) for one in bounds())
+    lower, upper = problem.lower, problem.upper
     begin = Unknowns(start, jnp.zeros((1, 0), start.dtype))
     found = minimize(problem, begin, loss="linear", loss_scale=None, bounds=(lower, upper), max_steps=_MOST_STEPS)
     return found.unknowns.shared, 0.5 * jnp.sum(problem.weighted(found.unknowns) ** 2)

@@ -55,13 +55,12 @@ def perform_unknown(experiment: UnknownExperiment, folder: Path, progress: Conso
                 advance(1)
             first, *others = distinct(found, _SHOWN)
             best[hypothesis] = [search.refined(first), *others]
-        profiles: dict[Reading, list[Found]] = {one.reading: [] for one in printed}
+        profiles: dict[Reading, list[Found]] = {}
         exact: dict[Reading, list[tuple[Exact, float]]] = {one.reading: [] for one in printed}
         for hypothesis in printed:
-            for view in experiment.profile:
-                start = best[hypothesis][0].parameters
-                profiles[hypothesis.reading].append(search.fitted(hypothesis, start, (0, float(np.log(view)))))
-                advance(1)
+            views = [float(np.log(view)) for view in experiment.profile]
+            profiles[hypothesis.reading] = search.profile(best[hypothesis][0], "log_view", views)
+            advance(len(views))
             for one in best[hypothesis][:_CHANGED]:
                 exact[hypothesis.reading].append(_changed(search, one))
             advance(_CHANGED)
