@@ -13,6 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import Array, Float
 
 from jaxlens.experiments import paper
@@ -307,8 +308,9 @@ class Search:
             last = best
             for value in side:
                 held = (index, value)
-                near = self.fitted(best.hypothesis, last.parameters, held)
-                last = found[value] = self.fitted(best.hypothesis, near.parameters, held)
+                for _ in range(1 + _ROUNDS):
+                    last = self.fitted(best.hypothesis, last.parameters, held)
+                found[value] = last
         return [found[value] for value in values]
 
     def picture(self, parameters: Sequence[float] | np.ndarray) -> Float[np.ndarray, "size size"]:
@@ -325,7 +327,7 @@ def _losses(problem: TableProblem, many: Float[Array, "count parameters"]) -> Fl
     def loss(parameters: Array) -> Array:
         return 0.5 * jnp.sum(problem.weighted(Unknowns(parameters, jnp.zeros((1, 0), many.dtype))) ** 2)
 
-    return jax.lax.map(loss, many)
+    return lax.map(loss, many)
 
 
 @jax.jit

@@ -23,9 +23,9 @@ height = 48
 width = 40
 """
 FILES = [
-    "convergence.csv",
     "convergence.png",
     "convergence.svg",
+    "errors.csv",
     "manifest.json",
     "maps.png",
     "paths.png",
@@ -50,7 +50,7 @@ def test_the_experiment_writes_its_folder_and_the_same_bytes_again(tmp_path: Pat
     assert len(table) == 4
     for row in table:
         assert float(row["planar"]) < float(row["geodesic"]) <= 1.01 * float(row["radial"])
-    errors = rows(first.folder / "convergence.csv")
+    errors = rows(first.folder / "errors.csv")
     assert [(row["distance"], row["size"]) for row in errors][:2] == [
         ("radial, from the apex", size) for size in ("16", "32")
     ]

@@ -26,7 +26,7 @@ from jaxlens.experiments.tables import write_csv
 def perform_geodesics(
     configuration: Configuration, experiment: GeodesicsExperiment, folder: Path, progress: Console
 ) -> Outcome:
-    """Carries out the experiment: `table.csv` has the drawn paths, `convergence.csv` the errors on a sphere's cap."""
+    """Carries out the experiment: `table.csv` has the drawn paths, `errors.csv` the errors on a sphere's cap."""
     with progress_bar(progress, experiment.name, 2) as advance:
         found = surface_distances(experiment.surface, configuration.path.parent)
         ways = ways_to(found, experiment.paths, experiment.reach)
@@ -34,7 +34,7 @@ def perform_geodesics(
         cap = cap_convergence(experiment.sizes, experiment.slope, experiment.dtype)
         advance(1)
     write_csv(folder, _columns(ways))
-    write_csv(folder, _convergence_columns(experiment.sizes, cap), "convergence.csv")
+    write_csv(folder, _convergence_columns(experiment.sizes, cap), "errors.csv")
     unit = experiment.surface.unit
     save(distance_maps(found, experiment.step, unit), folder, "maps")
     save(ratio_maps(found), folder, "ratios")

@@ -77,7 +77,7 @@ def perform_unknown(experiment: UnknownExperiment, folder: Path, progress: Conso
     }
     write_csv(folder, _figures(best))
     write_csv(folder, _parameters(best, experiment.noise), "parameters.csv")
-    write_csv(folder, _profile(experiment.profile, profiles), "profile.csv")
+    write_csv(folder, _profile(experiment.profile, profiles), "profiles.csv")
     save(picture_panel(pictures), folder, "pictures")
     save(residual_chart(nearest, experiment.noise), folder, "residuals", vector=True)
     save(knowledge_chart(nearest[False], experiment.noise), folder, "knowledge", vector=True)
