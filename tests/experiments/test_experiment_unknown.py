@@ -34,11 +34,11 @@ MIDDLE = bounds()[0]
 SMALL = """
 kind = "unknown"
 name = "small"
-size = 32
-candidates = 4
-starts = 2
+size = 24
+candidates = 2
+starts = 1
 profile = [1.0, 1.3]
-fine = 40
+fine = 24
 """
 
 
@@ -198,6 +198,6 @@ def test_the_experiment_writes_its_folder_and_the_same_bytes_again(tmp_path: Pat
 
 
 def test_what_is_wrong_is_named(tmp_path: Path):
-    (tmp_path / "small.toml").write_text(SMALL.replace("starts = 2", "starts = 9"))
-    with pytest.raises(ConfigError, match=r"'starts' must not exceed 'candidates' \(4\), got 9"):
+    (tmp_path / "small.toml").write_text(SMALL.replace("starts = 1", "starts = 9"))
+    with pytest.raises(ConfigError, match=r"'starts' must not exceed 'candidates' \(2\), got 9"):
         run(tmp_path / "small.toml", quiet=True)
