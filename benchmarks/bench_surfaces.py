@@ -29,7 +29,13 @@ def _geodesic(race, dtype, peer, size=SIZE):
         ours = lambda: jl.surfaces.geodesic_distance(surface, start)  # noqa: E731
         theirs = None if peer is None else peer(depth, mask, source)
         found = check(RELATIVE, error, ours, theirs, limit=LIMIT, peer_limit=PEER_LIMIT)
-        race(ours, theirs, package=None if peer is None else "potpourri3d", checks=[found], moved=2 * depth.astype(dtype).nbytes)
+        race(
+            ours,
+            theirs,
+            package=None if peer is None else "potpourri3d",
+            checks=[found],
+            moved=2 * depth.astype(dtype).nbytes,
+        )
 
 
 # Factorizing takes the peer many seconds at 512×512.
