@@ -25,6 +25,9 @@ from jaxlens.warping import source_coordinates
 if TYPE_CHECKING:
     from jaxlens.cli.deform import Arguments
 
+# Pixels at which it is looked whether a deformation has gaps.
+_SAMPLED = 1_000_000
+
 
 def deform_picture_file(arguments: "Arguments", degrees: tuple[int, ...], size: tuple[int, int] | None) -> None:
     """Deforms a picture as `jaxlens deform` is told.
@@ -36,8 +39,7 @@ def deform_picture_file(arguments: "Arguments", degrees: tuple[int, ...], size: 
     lattice = None if arguments.control is None else _read_control(arguments, degrees)
     picture = read_picture(arguments.file, arguments.max_pixels)
     height, width = picture.pixels.shape[:2]
-    # Shares of the picture: 0 is its left or upper edge, half a pixel before the first pixel's centre.
-    frame = Frame([-0.5, -0.5], [width, height])
+    frame = _shares(height, width)
     shape: tuple[int, int] = (height, width)
     if lattice is not None:
         mapping = _free_form(FreeForm, lattice, arguments.continuity).inverse()
@@ -55,7 +57,7 @@ def deform_picture_file(arguments: "Arguments", degrees: tuple[int, ...], size: 
 
     pixels = pull_back(picture.pixels, place, Sampling(method=arguments.method), size=shape)
     if lattice is not None:
-        _tell_of_gaps(mapping, frame, height, width)
+        _tell_of_gaps(mapping, height, width)
     warped = replace(picture, pixels=pixels)
     write_picture(arguments.output, warped, overwrite=arguments.overwrite, quality=arguments.quality)
     say(f"wrote {str(arguments.output)!r} ({describe(warped)})")
@@ -139,6 +141,11 @@ def _boxed(lattice: tuple[np.ndarray, np.ndarray], mesh: Mesh, continuity: int |
     return _free_form(make, (low + extent * points, weights), continuity)
 
 
+def _shares(height: int, width: int) -> Frame:
+    """The frame of shares of a picture: 0 is its left or upper edge, half a pixel before the first pixel's centre."""
+    return Frame([-0.5, -0.5], [width, height])
+
+
 def _sides(corners: np.ndarray) -> tuple[int, int]:
     """Height and width of an upright rectangle whose sides are as long as the longer of opposite ones."""
     sides = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)
@@ -146,8 +153,11 @@ def _sides(corners: np.ndarray) -> tuple[int, int]:
     return max(round(float(height)), 1), max(round(float(width)), 1)
 
 
-def _tell_of_gaps(mapping: CoordinateMap, frame: Frame, height: int, width: int) -> None:
-    sources = np.asarray(source_coordinates(mapping, height, width, frame=frame)[..., 0])
+def _tell_of_gaps(mapping: CoordinateMap, height: int, width: int) -> None:
+    # On a picture of the same shape and at most a megapixel: the share is what counts.
+    reduction = max(1.0, (height * width / _SAMPLED) ** 0.5)
+    height, width = max(1, round(height / reduction)), max(1, round(width / reduction))
+    sources = np.asarray(source_coordinates(mapping, height, width, frame=_shares(height, width))[..., 0])
     share = float(np.isnan(sources).mean())
     if share:
         say(

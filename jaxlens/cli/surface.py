@@ -99,11 +99,17 @@ def _check_output(path: Path, suffixes: tuple[str, ...], overwrite: bool) -> Non
 
 
 def _draw_landscape(arguments: Arguments) -> None:
+    import numpy as np
+
     from jaxlens.cli.pictures import read_picture
     from jaxlens.cli.surfaces import gray_values, save_figure
     from jaxlens.experiments.figures.surfaces import surface_figure
 
     gray, white = gray_values(read_picture(arguments.file, arguments.max_pixels))
+    missing = ~np.isfinite(gray)
+    if missing.any():
+        say(f"warning: {missing.sum()} pixels of {str(arguments.file)!r} are not finite, and are drawn as black")
+        gray = np.where(missing, 0, gray)
     figure = surface_figure(
         gray,
         white,

@@ -35,6 +35,15 @@ def test_a_picture_as_a_landscape(run, picture, tmp_path, style):
     assert drawn.std() > 5
 
 
+def test_a_landscape_of_a_picture_with_holes(run, tmp_path):
+    pixels = np.linspace(0, 1, 600, dtype=np.float32).reshape(20, 30)
+    pixels[3, 4], pixels[5, 6] = np.nan, np.inf
+    write_image(tmp_path / "holes.tif", Picture(pixels))
+    result = run("surface", tmp_path / "holes.tif", "--output", tmp_path / "out.png")
+    assert (result.code, "2 pixels of" in result.err) == (0, True), result.err
+    assert read_image(tmp_path / "out.png").pixels.std() > 5
+
+
 def test_a_mesh_from_the_front(run, slope, tmp_path):
     output, depth = tmp_path / "shaded.png", tmp_path / "depth.tif"
     result = run("surface", slope, "--size", "40x40", "--output", output, "--depth", depth)
