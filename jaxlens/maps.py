@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, ArrayLike, Bool, Float, Int8, PyTree
 
-from jaxlens.newton import determinant, implicit_plane_root, plane_jacobian, solve_plane
+from jaxlens.newton import determinant, implicit_point_root, value_and_jacobian, solve_points
 from jaxlens.numerics import as_points, jitted, join, split
 
 
@@ -81,7 +81,7 @@ class CoordinateMap(eqx.Module):
     @jitted
     def jacobian(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2 2"]:
         """Returns the matrices of derivatives: row = output coordinate, column = input coordinate."""
-        return plane_jacobian(self.__call__, as_points(points))[1]
+        return value_and_jacobian(self.__call__, as_points(points))[1]
 
     @jitted
     def jacobian_determinant(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch"]:
@@ -104,11 +104,11 @@ class CoordinateMap(eqx.Module):
         finite = jnp.all(jnp.isfinite(points), axis=-1)
         target = jnp.where(finite[..., None], points, 0)
         fixed = lax.stop_gradient(self)
-        root, converged = solve_plane(fixed.__call__, target, fixed.first_guess(target))
-        solution = implicit_plane_root(_plane_residual, root, (self, target))
+        root, converged, at_fold = solve_points(fixed.__call__, target, fixed.first_guess(target))
+        solution = implicit_point_root(_plane_residual, root, (self, target))
         solution = jnp.where(converged[..., None], solution, root)
-        # A stalled iteration stands at a fold: the map there is at the edge of its range.
-        status = inverse_status(finite, converged, converged)
+        # An iteration that stalls at a fold stands at the edge of the map's range.
+        status = inverse_status(finite, ~at_fold, converged)
         return Inverse(solution, status == InverseStatus.CONVERGED, status)
 
     def first_guess(self, points: Float[Array, "*batch 2"]) -> Float[Array, "*batch 2"]:

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
-from jaxlens.numerics import epsilon, join
+from jaxlens.numerics import epsilon
 
 # Steps taken in registers, unguarded, before anything is written to memory. From the starts used here they reach the
 # last bits for all but a few per mille of the points; the rest are solved again with every safeguard.
@@ -28,6 +28,7 @@ _MAXIMUM_STEPS = 200
 _CHUNK = 8192
 
 ScalarFunction = Callable[[Float[Array, "*batch"]], Float[Array, "*batch"]]
+PointFunction = Callable[[Float[Array, "*batch n"]], Float[Array, "*batch n"]]
 ValueAndSlope = Callable[[Float[Array, "*batch"]], tuple[Float[Array, "*batch"], Float[Array, "*batch"]]]
 
 
@@ -156,88 +157,124 @@ def derivatives(function: ScalarFunction, x: Array) -> tuple[Array, Array, Array
     return value, slope, curvature
 
 
-def solve_plane(
-    function: Callable[[Float[Array, "*batch 2"]], Float[Array, "*batch 2"]],
-    target: Float[Array, "*batch 2"],
-    start: Float[Array, "*batch 2"],
-) -> tuple[Float[Array, "*batch 2"], Bool[Array, "*batch"]]:
-    """Solves `function(x) = target` for each point of a plane by damped Newton iteration.
+def solve_points(
+    function: PointFunction,
+    target: Float[Array, "*batch n"],
+    start: Float[Array, "*batch n"],
+    *,
+    admissible: Callable[[Float[Array, "*batch n"], Float[Array, "*batch"]], Bool[Array, "*batch"]] | None = None,
+) -> tuple[Float[Array, "*batch n"], Bool[Array, "*batch"], Bool[Array, "*batch"]]:
+    """Solves `function(x) = target` for each point of a plane or of space by damped Newton iteration.
 
-    A step is halved until it lowers the residual *and* stays where the Jacobian determinant is positive, so that
-    an iterate never crosses a fold: where the start lies in the one-to-one region around the target's preimage, the
-    root found lies there too. Without a preimage the iterates stall at the fold, and the point is not converged.
+    A step is shortened until it lowers the residual *and* stays where the map is admissible, so that an iterate never
+    crosses a fold: where the start lies in the one-to-one region around the target's preimage, the root found lies
+    there too. Without a preimage the iterates stall at the fold.
 
     Args:
         function: Pointwise and differentiable, orientation preserving at `start`.
         target: Points to reach, finite.
-        start: First guesses.
+        start: First guesses, admissible.
+        admissible: Tells, from points and their Jacobian determinants, where iterates may stand; where the determinant
+            is positive by default.
 
     Returns:
-        The last iterates, always finite, and whether each has converged to the dtype's rounding.
+        The last iterates, always finite; whether each has converged to the dtype's rounding; and whether it stands,
+        short of that, before a fold: a whole step would leave where the map is admissible.
     """
-    target, start = lax.stop_gradient(target), lax.stop_gradient(start)
+    target, start = lax.stop_gradient((target, start))
     tolerance = _ROOT_ULPS * epsilon(target.dtype)
-    smallest_damping = 2.0**-20
+    allowed = (lambda x, size: size > 0) if admissible is None else admissible
 
-    def residual_size(residual):
-        return jnp.max(jnp.abs(residual), axis=-1)
+    def rounding(x):
+        return tolerance * (jnp.maximum(_size(target), _size(x)) + epsilon(target.dtype))
 
-    def scale(x):
-        return jnp.maximum(residual_size(target), residual_size(x)) + epsilon(target.dtype)
+    def standstill(x):
+        # Nearer than this to a fold the residual does not tell places apart: it is quadratic there.
+        return epsilon(target.dtype) ** 0.5 * (_size(target) + _size(x) + epsilon(target.dtype))
 
     def unfinished(state):
-        count, _, _, done = state
+        count, *_, done = state
         return (count < _MAXIMUM_STEPS) & ~jnp.all(done)
 
     def body(state):
-        count, x, damping, done = state
-        value, jacobian = plane_jacobian(function, x)
-        residual = value - target
-        candidate = x - damping[..., None] * solve_2x2(jacobian, residual)
+        count, x, residual, jacobian, damping, done = state
+        candidate = x - damping[..., None] * solve_small(jacobian, residual)
         candidate = jnp.where(jnp.isfinite(candidate), candidate, x)
-        value_there, jacobian_there = plane_jacobian(function, candidate)
-        size, size_there = residual_size(residual), residual_size(value_there - target)
-        better = (size_there < size) & (determinant(jacobian_there) > 0)
-        x = jnp.where((better & ~done)[..., None], candidate, x)
-        found = jnp.where(better, size_there, size) <= tolerance * scale(x)
+        value, slopes = value_and_jacobian(function, candidate)
+        left = value - target
+        may = allowed(candidate, determinant(slopes))
+        lower = _size(left) < _size(residual)
+        take = may & lower & ~done
+        step = _size(candidate - x)
+        x = jnp.where(take[..., None], candidate, x)
+        residual = jnp.where(take[..., None], left, residual)
+        jacobian = jnp.where(take[..., None, None], slopes, jacobian)
         # An accepted step earns a bolder one, a refused one a more careful one; at the smallest nothing helps.
-        damping = jnp.where(better, jnp.minimum(1.0, 4 * damping), damping / 4)
-        return count + 1, x, damping, done | found | (damping < smallest_damping)
+        damping = jnp.where(may & lower, jnp.minimum(1.0, 4 * damping), damping / 4)
+        done = done | (_size(residual) <= rounding(x)) | (damping < 1) & (step <= standstill(x))
+        return count + 1, x, residual, jacobian, damping, done
 
-    ones = jnp.ones(target.shape[:-1], target.dtype)
-    _, x, _, _ = lax.while_loop(unfinished, body, (0, start, ones, jnp.zeros(target.shape[:-1], bool)))
-    # Rounding may refuse the last step of a converged iteration: judge by how far Newton would still go.
-    value, jacobian = plane_jacobian(function, x)
+    value, jacobian = value_and_jacobian(function, start)
     residual = value - target
-    remaining = residual_size(solve_2x2(jacobian, residual))
-    rounding = tolerance * jnp.maximum(scale(x), 1)  # of a map that is written in units of about one
-    close = (residual_size(residual) <= tolerance * scale(x)) | (remaining <= rounding)
-    return x, close & (determinant(jacobian) > 0)
+    state = (0, start, residual, jacobian, jnp.ones(target.shape[:-1], target.dtype), _size(residual) <= rounding(start))
+    _, x, residual, jacobian, _, _ = lax.while_loop(unfinished, body, state)
+    # Rounding may refuse the last step of a converged iteration: judge by how far Newton would still go, too, in units
+    # of about one, in which maps are written.
+    step = solve_small(jacobian, residual)
+    remaining = _size(step)
+    close = (_size(residual) <= rounding(x)) | (remaining <= jnp.maximum(rounding(x), tolerance))
+    converged = close & allowed(x, determinant(jacobian))
+    # Next to a fold the Jacobian is nearly singular, and a whole step leaps over it.
+    whole = x - step
+    blocked = ~allowed(whole, determinant(value_and_jacobian(function, whole)[1])) | _is_nearly_singular(jacobian)
+    return x, converged, blocked & ~converged
 
 
-def plane_jacobian(
-    function: Callable[[Array], Array], points: Float[Array, "*batch 2"]
-) -> tuple[Float[Array, "*batch 2"], Float[Array, "*batch 2 2"]]:
-    """Returns the value and the 2×2 Jacobian of a pointwise map of the plane (row: output, column: input)."""
-    zeros, ones = jnp.zeros_like(points[..., 0]), jnp.ones_like(points[..., 0])
-    value, along_x = jax.jvp(function, (points,), (join(ones, zeros),))
-    _, along_y = jax.jvp(function, (points,), (join(zeros, ones),))
-    return value, jnp.stack([along_x, along_y], axis=-1)
+def _size(vectors: Float[Array, "*batch n"]) -> Float[Array, "*batch"]:
+    return jnp.max(jnp.abs(vectors), axis=-1)
 
 
-def determinant(matrix: Float[Array, "*batch 2 2"]) -> Float[Array, "*batch"]:
-    """Returns the determinant of 2×2 matrices."""
-    return matrix[..., 0, 0] * matrix[..., 1, 1] - matrix[..., 0, 1] * matrix[..., 1, 0]
+def _is_nearly_singular(matrix: Float[Array, "*batch n n"]) -> Bool[Array, "*batch"]:
+    """Whether the determinant is small beside the product of its columns' lengths, as it is where a step stands still."""
+    lengths = jnp.prod(jnp.sqrt(jnp.sum(matrix * matrix, axis=-2)), axis=-1)
+    return determinant(matrix) <= 16 * epsilon(matrix.dtype) ** 0.5 * lengths
 
 
-def solve_2x2(matrix: Float[Array, "*batch 2 2"], right: Float[Array, "*batch 2"]) -> Float[Array, "*batch 2"]:
-    """Solves 2×2 systems by Cramer's rule; a singular one gets zero, not infinity."""
+def value_and_jacobian(
+    function: PointFunction, points: Float[Array, "*batch n"]
+) -> tuple[Float[Array, "*batch n"], Float[Array, "*batch n n"]]:
+    """Returns the value and the Jacobian of a pointwise map of points (row: output, column: input)."""
+    axes = jnp.eye(points.shape[-1], dtype=points.dtype)
+    # The compiler sees that the value is computed alike each time; `jax.linearize` keeps loops from fusing.
+    pairs = [jax.jvp(function, (points,), (jnp.broadcast_to(axis, points.shape),)) for axis in axes]
+    return pairs[0][0], jnp.stack([column for _, column in pairs], axis=-1)
+
+
+def determinant(matrix: Float[Array, "*batch n n"]) -> Float[Array, "*batch"]:
+    """Returns the determinant of 2×2 or 3×3 matrices."""
+    if matrix.shape[-1] == 2:
+        return matrix[..., 0, 0] * matrix[..., 1, 1] - matrix[..., 0, 1] * matrix[..., 1, 0]
+    a, b, c = matrix[..., 0], matrix[..., 1], matrix[..., 2]
+    return jnp.sum(a * jnp.cross(b, c), axis=-1)
+
+
+def adjugate(matrix: Float[Array, "*batch n n"]) -> Float[Array, "*batch n n"]:
+    """Returns the adjugate of 2×2 or 3×3 matrices: determinant times inverse, for singular ones too."""
+    if matrix.shape[-1] == 2:
+        first = jnp.stack([matrix[..., 1, 1], -matrix[..., 0, 1]], axis=-1)
+        return jnp.stack([first, jnp.stack([-matrix[..., 1, 0], matrix[..., 0, 0]], axis=-1)], axis=-2)
+    a, b, c = matrix[..., 0], matrix[..., 1], matrix[..., 2]
+    return jnp.stack([jnp.cross(b, c), jnp.cross(c, a), jnp.cross(a, b)], axis=-2)
+
+
+def solve_small(matrix: Float[Array, "*batch n n"], right: Float[Array, "*batch n"]) -> Float[Array, "*batch n"]:
+    """Solves 2×2 or 3×3 systems by Cramer's rule; a singular one gets zero, not infinity."""
     size = determinant(matrix)
     regular = jnp.abs(size) > jnp.finfo(size.dtype).tiny
-    size = jnp.where(regular, size, 1)
-    x = (matrix[..., 1, 1] * right[..., 0] - matrix[..., 0, 1] * right[..., 1]) / size
-    y = (matrix[..., 0, 0] * right[..., 1] - matrix[..., 1, 0] * right[..., 0]) / size
-    return join(jnp.where(regular, x, 0), jnp.where(regular, y, 0))
+    inverse = jnp.where(regular, 1, 0) / jnp.where(regular, size, 1)
+    rows, n = adjugate(matrix), matrix.shape[-1]
+    products = [sum(rows[..., i, j] * right[..., j] for j in range(n)) for i in range(n)]
+    return jnp.stack([jnp.where(regular, product * inverse, 0) for product in products], axis=-1)
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -269,16 +306,16 @@ def _implicit_root_jvp(residual, primals, tangents):
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def implicit_plane_root(residual: Callable[[Array, Any], Array], root: Array, parameters: Any) -> Array:
-    """Is `implicit_root` for points of a plane: `root` and the residual have shape (..., 2)."""
+def implicit_point_root(residual: Callable[[Array, Any], Array], root: Array, parameters: Any) -> Array:
+    """Is `implicit_root` for points: `root` and the residual have shape `(..., n)`, n two or three."""
     del residual, parameters
     return root
 
 
-@implicit_plane_root.defjvp
-def _implicit_plane_root_jvp(residual, primals, tangents):
-    root = implicit_plane_root(residual, *primals)
+@implicit_point_root.defjvp
+def _implicit_point_root_jvp(residual, primals, tangents):
+    root = implicit_point_root(residual, *primals)
     parameters, parameters_dot = primals[1], tangents[1]
     _, change = jax.jvp(lambda p: residual(root, p), (parameters,), (parameters_dot,))
-    _, jacobian = plane_jacobian(lambda x: residual(x, parameters), root)
-    return root, -solve_2x2(jacobian, change)
+    _, jacobian = value_and_jacobian(lambda x: residual(x, parameters), root)
+    return root, -solve_small(jacobian, change)

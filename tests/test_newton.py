@@ -125,9 +125,9 @@ def swirl(points):
     return jnp.stack([u * jnp.cos(angle) - v * jnp.sin(angle), u * jnp.sin(angle) + v * jnp.cos(angle)], axis=-1)
 
 
-def test_plane_jacobian(x64):
+def test_value_and_jacobian(x64):
     points = jax.random.normal(jax.random.key(0), (5, 2))
-    value, jacobian = jax.jit(lambda x: newton.plane_jacobian(swirl, x))(points)
+    value, jacobian = jax.jit(lambda x: newton.value_and_jacobian(swirl, x))(points)
     np.testing.assert_allclose(value, swirl(points), rtol=1e-15)
     np.testing.assert_allclose(jacobian, jax.jit(jax.vmap(jax.jacrev(swirl)))(points), rtol=1e-12)
     np.testing.assert_allclose(newton.determinant(jacobian), np.linalg.det(jacobian), rtol=1e-12)
@@ -137,19 +137,19 @@ def test_small_systems(x64):
     random = np.random.default_rng(0)
     matrices, right = random.normal(size=(20, 2, 2)), random.normal(size=(20, 2))
     expected = np.linalg.solve(matrices, right[..., None])[..., 0]
-    np.testing.assert_allclose(newton.solve_2x2(jnp.asarray(matrices), jnp.asarray(right)), expected, rtol=1e-11)
+    np.testing.assert_allclose(newton.solve_small(jnp.asarray(matrices), jnp.asarray(right)), expected, rtol=1e-11)
     singular = jnp.asarray([[1.0, 2.0], [2.0, 4.0]])
-    np.testing.assert_array_equal(newton.solve_2x2(singular, jnp.ones(2)), 0)
-    np.testing.assert_array_equal(jax.grad(lambda m: newton.solve_2x2(m, jnp.ones(2)).sum())(singular), 0)
+    np.testing.assert_array_equal(newton.solve_small(singular, jnp.ones(2)), 0)
+    np.testing.assert_array_equal(jax.grad(lambda m: newton.solve_small(m, jnp.ones(2)).sum())(singular), 0)
 
 
-solve_swirl = jax.jit(lambda target: newton.solve_plane(swirl, target, target))
+solve_swirl = jax.jit(lambda target: newton.solve_points(swirl, target, target))
 
 
 def test_plane_roots(dtype):
     ideal = np.random.default_rng(0).uniform(-0.6, 0.6, (500, 2)).astype(dtype)
     target = swirl(ideal)
-    found, converged = solve_swirl(target)
+    found, converged, _ = solve_swirl(target)
     assert found.dtype == dtype
     assert bool(jnp.all(converged))
     np.testing.assert_allclose(found, ideal, atol=30 * EPSILON[dtype])
@@ -164,11 +164,43 @@ def fold(points):
 def test_plane_without_root(dtype):
     """What cannot be reached stalls at the fold, is finite, and spoils nothing beside it."""
     target = jnp.asarray([[0.5, 0.1], [0.7, 0.0], [5.0, 1.0], [-0.6, 0.2], [0.66, 0.0]], dtype)
-    found, converged = jax.jit(lambda target: newton.solve_plane(fold, target, 0 * target))(target)
+    found, converged, at_fold = jax.jit(lambda target: newton.solve_points(fold, target, 0 * target))(target)
     assert converged.tolist() == [True, False, False, True, True]
+    assert at_fold.tolist() == [False, True, True, False, False]
     assert bool(jnp.all(jnp.isfinite(found)))
     assert bool(jnp.all(jnp.abs(found[:, 0]) <= 1))
     np.testing.assert_allclose(fold(found)[np.asarray(converged)], target[np.asarray(converged)], atol=1e-6)
+
+
+def test_giving_up_is_no_fold(dtype):
+    """A target in the gap of a map that jumps: nothing folds, and nothing is found."""
+
+    def jumping(points):
+        return jnp.where(points > 0.5, points + 0.25, points)
+
+    target = jnp.asarray([[0.6, 0.1], [0.4, 0.1], [0.9, 0.8]], dtype)
+    found, converged, at_fold = jax.jit(lambda target: newton.solve_points(jumping, target, 0 * target))(target)
+    assert converged.tolist() == [False, True, True]
+    assert not bool(jnp.any(at_fold))
+    assert bool(jnp.all(jnp.isfinite(found)))
+
+
+def test_space_roots(x64):
+    """Three dimensions, by the same iteration."""
+
+    def twisted(points):
+        x, y, z = (points[..., k] for k in range(3))
+        return jnp.stack([x + 0.1 * y * z, y - 0.2 * x * z, z + 0.1 * x * x], axis=-1)
+
+    ideal = np.random.default_rng(1).uniform(-0.8, 0.8, (50, 3))
+    found, converged, _ = jax.jit(lambda target: newton.solve_points(twisted, target, target))(twisted(ideal))
+    assert bool(jnp.all(converged))
+    np.testing.assert_allclose(found, ideal, atol=1e-14)
+    matrices = np.random.default_rng(2).normal(size=(20, 3, 3))
+    np.testing.assert_allclose(newton.determinant(jnp.asarray(matrices)), np.linalg.det(matrices), rtol=1e-11)
+    right = matrices[:, 0]
+    expected = np.linalg.solve(matrices, right[..., None])[..., 0]
+    np.testing.assert_allclose(newton.solve_small(jnp.asarray(matrices), jnp.asarray(right)), expected, rtol=1e-10)
 
 
 def square(x, parameter):
@@ -208,14 +240,14 @@ def swirl_residual(x, target):
 
 @jax.jit
 def swirl_inverse(target):
-    root, _ = newton.solve_plane(swirl, target, target)
-    return newton.implicit_plane_root(swirl_residual, root, target)
+    root, *_ = newton.solve_points(swirl, target, target)
+    return newton.implicit_point_root(swirl_residual, root, target)
 
 
 def test_implicit_derivatives_in_the_plane(x64):
     ideal = jnp.asarray([[0.1, 0.2], [-0.4, 0.3], [0.0, 0.0]])
     target = swirl(ideal)
-    expected = np.linalg.inv(jax.jit(lambda x: newton.plane_jacobian(swirl, x)[1])(ideal))
+    expected = np.linalg.inv(jax.jit(lambda x: newton.value_and_jacobian(swirl, x)[1])(ideal))
     for mode in (jax.jacrev, jax.jacfwd):
         np.testing.assert_allclose(jax.jit(jax.vmap(mode(swirl_inverse)))(target), expected, rtol=1e-12, atol=1e-14)
     check_grads(swirl_inverse, (target,), order=2, rtol=1e-5, atol=1e-6)

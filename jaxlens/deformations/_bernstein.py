@@ -6,7 +6,7 @@ position.
 """
 
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial, reduce
 from math import comb
 
@@ -17,6 +17,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
+from jaxlens.newton import implicit_point_root, solve_points
 from jaxlens.numerics import epsilon
 
 # Control points up to which sums are written out: several times faster, but long to compile for many.
@@ -70,7 +71,7 @@ class Cube(eqx.Module):
 
 
 def preimages(
-    cube: Cube, target: Float[Array, "*batch dimensions"], solve: Callable, implicit: Callable
+    cube: Cube, target: Float[Array, "*batch dimensions"]
 ) -> tuple[Float[Array, "*batch dimensions"], Bool[Array, "*batch"]]:
     """Returns the points of the cube that go to `target`, and whether there are such.
 
@@ -82,16 +83,14 @@ def preimages(
     Args:
         cube: The deformation.
         target: Finite points.
-        solve: `solve_plane` or `solve_space`.
-        implicit: `implicit_plane_root` or `implicit_space_root`.
     """
     fixed, goal = lax.stop_gradient((cube, target))
-    root, converged = solve(fixed.extended, goal, _first_guess(fixed, goal))
+    root, converged, _ = solve_points(fixed.extended, goal, _first_guess(fixed, goal))
     root = jnp.clip(root, 0, 1)
     miss = jnp.max(jnp.abs(fixed.moved(root) - goal), axis=-1)
     rounding = _BORDER_ULPS * epsilon(goal.dtype) * jnp.maximum(1, jnp.max(jnp.abs(goal), axis=-1))
     found = converged & (miss <= rounding)
-    return jnp.where(found[..., None], implicit(_residual, root, (cube, target)), root), found
+    return jnp.where(found[..., None], implicit_point_root(_residual, root, (cube, target)), root), found
 
 
 def _first_guess(cube: Cube, target: Float[Array, "*batch dimensions"]) -> Float[Array, "*batch dimensions"]:

@@ -12,7 +12,6 @@ from jaxtyping import Array, ArrayLike, Bool, Float, PyTree
 from jaxlens.deformations._arguments import as_rectangle, as_weights
 from jaxlens.deformations._bernstein import Cube, frozen_rows, preimages, unit_lattice
 from jaxlens.maps import CoordinateMap, Inverse, InverseStatus, inverse_status
-from jaxlens.newton import implicit_plane_root, solve_plane
 from jaxlens.numerics import as_floating, as_points, jitted, join, split
 
 Side = Literal["left", "right", "top", "bottom"]
@@ -125,7 +124,7 @@ class FreeForm(CoordinateMap):
         finite = jnp.all(jnp.isfinite(points), axis=-1)
         points = jnp.where(finite[..., None], points, 0)
         target = self._local(points)
-        local, found = preimages(self._cube(), target, solve_plane, implicit_plane_root)
+        local, found = preimages(self._cube(), target)
         unmoved = ~found & ~self.contains(points)
         # As a displacement of the target, so that what does not move comes back to the last bit.
         x, y = split(points)

@@ -10,14 +10,8 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int8
 
 from jaxlens.deformations._arguments import as_like, as_weights
 from jaxlens.deformations._bernstein import Cube, frozen_rows, preimages, unit_lattice
-from jaxlens.deformations._space import (
-    adjugate_3x3,
-    determinant_3x3,
-    implicit_space_root,
-    solve_space,
-    space_jacobian,
-)
 from jaxlens.maps import InverseStatus, inverse_status
+from jaxlens.newton import adjugate, determinant, value_and_jacobian
 from jaxlens.numerics import as_floating, epsilon, is_concrete, jitted
 
 Face = Literal["s=0", "s=1", "t=0", "t=1", "u=0", "u=1"]
@@ -121,7 +115,7 @@ class FreeForm3D(eqx.Module):
         """Whether points lie in the parallelepiped, its faces included, to the rounding of the points' coordinates."""
         points = _as_points(points)
         local = self._local(points)
-        shares = jnp.abs(adjugate_3x3(self.axes) / determinant_3x3(self.axes))
+        shares = jnp.abs(adjugate(self.axes) / determinant(self.axes))
         sizes = [jnp.abs(points[..., k]) + jnp.abs(self.origin[k]) for k in range(3)]
         rounding = [sum(sizes[k] * shares[k, j] for k in range(3)) for j in range(3)]
         rounding = _FACE_ULPS * epsilon(local.dtype) * jnp.stack(rounding, axis=-1)
@@ -130,12 +124,12 @@ class FreeForm3D(eqx.Module):
     @jitted
     def jacobian(self, points: Float[ArrayLike, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
         """Returns the matrices of derivatives: row = output coordinate, column = input coordinate."""
-        return space_jacobian(self.__call__, _as_points(points))[1]
+        return value_and_jacobian(self.__call__, _as_points(points))[1]
 
     @jitted
     def jacobian_determinant(self, points: Float[ArrayLike, "*batch 3"]) -> Float[Array, "*batch"]:
         """Returns the local change of volume, negative where the map has folded over."""
-        return determinant_3x3(self.jacobian(points))
+        return determinant(self.jacobian(points))
 
     def one_to_one(self, points: Float[ArrayLike, "*batch 3"]) -> Bool[Array, "*batch"]:
         """Whether the map keeps orientation at points."""
@@ -148,7 +142,7 @@ class FreeForm3D(eqx.Module):
         finite = jnp.all(jnp.isfinite(points), axis=-1)
         points = jnp.where(finite[..., None], points, 0)
         target = self._local(points)
-        local, found = preimages(self._cube(), target, solve_space, implicit_space_root)
+        local, found = preimages(self._cube(), target)
         unmoved = ~found & ~self.contains(points)
         points = points + self._from_local(jnp.where(unmoved[..., None], 0, local - target))
         status = inverse_status(finite, found | unmoved, found | unmoved)
@@ -183,8 +177,8 @@ class FreeForm3D(eqx.Module):
     def _local(self, points: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
         """Coordinates s, t and u of points."""
         from_origin = [points[..., k] - self.origin[k] for k in range(3)]
-        adjugate, size = adjugate_3x3(self.axes), determinant_3x3(self.axes)
-        return jnp.stack([sum(from_origin[k] * adjugate[k, j] for k in range(3)) / size for j in range(3)], axis=-1)
+        rows, size = adjugate(self.axes), determinant(self.axes)
+        return jnp.stack([sum(from_origin[k] * rows[k, j] for k in range(3)) / size for j in range(3)], axis=-1)
 
     def _from_local(self, vectors: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
         return jnp.stack([sum(vectors[..., j] * self.axes[j, k] for j in range(3)) for k in range(3)], axis=-1)

@@ -6,8 +6,8 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, ArrayLike, Bool, Float, PyTree
 
-from jaxlens.deformations._space import adjugate_3x3, determinant_3x3
 from jaxlens.maps import CoordinateMap, Inverse, InverseStatus, inverse_status
+from jaxlens.newton import adjugate, determinant
 from jaxlens.numerics import as_floating, as_points, epsilon, is_concrete, jitted, join, split
 
 # Rounding of a determinant, in units in the last place of the sum of its terms' sizes.
@@ -218,7 +218,7 @@ def _apply(matrix: Array, x: Array, y: Array) -> tuple[tuple[Array, Array], Arra
 
 def _inverse(matrix: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
     """By the adjugate: its sign is such that it is defined exactly where the map's image is."""
-    return adjugate_3x3(matrix) / determinant_3x3(matrix)
+    return adjugate(matrix) / determinant(matrix)
 
 
 def _is_singular(matrix: Float[np.ndarray, "3 3"], eps: float) -> bool:

@@ -25,7 +25,7 @@ from jaxlens.fitting._robust import Loss
 from jaxlens.fitting._solver import Unknowns, jacobian_rows
 from jaxlens.frames import Frame
 from jaxlens.lenses import Lens
-from jaxlens.newton import plane_jacobian, solve_2x2
+from jaxlens.newton import value_and_jacobian, solve_small
 from jaxlens.numerics import as_floating, join, split
 
 # A line's own parameters, its angle and offset; with as many points it is straight whatever the lens.
@@ -47,10 +47,10 @@ class _Lines(Problem):
         # How far a point of the picture must move for its ideal point to move by one: the straight line's curve in
         # the picture is as far from the point as the line from the ideal point, over the length of this gradient.
         # Distances there cannot shrink to zero with the ideal points.
-        jacobian = jnp.swapaxes(plane_jacobian(lens.distort, ideal)[1], -1, -2)
+        jacobian = jnp.swapaxes(value_and_jacobian(lens.distort, ideal)[1], -1, -2)
 
         def per_pixel(normal):
-            x, y = split(solve_2x2(jacobian, jnp.broadcast_to(normal[:, None], ideal.shape)))
+            x, y = split(solve_small(jacobian, jnp.broadcast_to(normal[:, None], ideal.shape)))
             return jnp.hypot(x / self.frame.scale[0], y / self.frame.scale[1])
 
         normal, middle = _line(ideal, self.line_weights)

@@ -1,17 +1,9 @@
 """The Brown–Conrady lens in OpenCV's parameters: radial, tangential, and rational terms."""
 
-import jax.numpy as jnp
-from jax import lax
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from jaxlens.lenses._lens import Lens
-from jaxlens.lenses._radial_polynomial import RadialPolynomial
-from jaxlens.maps import Inverse, InverseStatus
-from jaxlens.newton import determinant, plane_jacobian
 from jaxlens.numerics import as_floating, as_points, jitted, join, split
-
-# Points of a ray at which a lens must keep orientation to be called one-to-one up to the ray's end.
-_RAY = 8
 
 
 class BrownConrady(Lens):
@@ -56,33 +48,3 @@ class BrownConrady(Lens):
             x * factor + p1 * cross + p2 * (squared + 2 * x * x),
             y * factor + p1 * (squared + 2 * y * y) + p2 * cross,
         )
-
-    @jitted
-    def invert(self, points: Float[ArrayLike, "*batch 2"]) -> Inverse:
-        """Finds the ideal points of observed ones, as `CoordinateMap.invert`; valid only this side of a fold.
-
-        A step of Newton's may leap over a fold to where the lens keeps orientation again: such a root is no preimage.
-        """
-        found = super().invert(points)
-        lost = (found.status == InverseStatus.CONVERGED) & ~lax.stop_gradient(self.one_to_one(found.points))
-        status = jnp.where(lost, jnp.int8(InverseStatus.NO_PREIMAGE), found.status)
-        return Inverse(found.points, status == InverseStatus.CONVERGED, status)
-
-    def first_guess(self, points: Float[Array, "*batch 2"]) -> Float[Array, "*batch 2"]:
-        """Returns preimages under the radial part; for a rational lens, points drawn in to where it is one-to-one."""
-        k1, k2, _, _, *rest = self.coefficients
-        if len(rest) <= 1:
-            return RadialPolynomial(jnp.stack([k1, k2, *rest])).invert(points).points
-        share = jnp.arange(_RAY + 1, dtype=points.dtype) / _RAY
-        ray = jnp.einsum("...c,s->...sc", points, share)
-        inside = determinant(plane_jacobian(self.distort, ray)[1]) > 0
-        reached = jnp.sum(jnp.cumprod(inside, axis=-1), axis=-1) - 1
-        return points * share[jnp.maximum(reached, 0)][..., None]
-
-    @jitted
-    def one_to_one(self, points: Float[ArrayLike, "*batch 2"]) -> Bool[Array, "*batch"]:
-        """Whether the lens keeps orientation all the way (at eight places) from the centre to ideal points."""
-        points = as_points(points)
-        share = jnp.arange(1, _RAY + 1, dtype=points.dtype) / _RAY
-        ray = jnp.einsum("...c,s->...sc", points, share)
-        return jnp.all(determinant(plane_jacobian(self.distort, ray)[1]) > 0, axis=-1)

@@ -1,22 +1,21 @@
 """What every lens can do, and what every radial lens can."""
 
 import abc
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jax.custom_batching import custom_vmap
 from jaxtyping import Array, ArrayLike, Bool, Float, Int8, PyTree
 
+from jaxlens.batching import in_turns
+from jaxlens.lenses._general import lies_inside, solve
+from jaxlens.lenses._region import find_region
 from jaxlens.maps import CoordinateMap, Inverse, InverseStatus, inverse_status
-from jaxlens.newton import derivatives, implicit_root, is_root, solve_increasing
+from jaxlens.newton import derivatives, implicit_point_root, implicit_root, is_root, solve_increasing
 from jaxlens.numerics import as_floating, as_points, jitted, join, split
-
-# Points from which a batch of inverses is solved one after another.
-_LARGE = 1 << 15
-
 
 class Lens(CoordinateMap):
     """A coordinate map that takes ideal points to observed ones, both normalized."""
@@ -33,6 +32,54 @@ class Lens(CoordinateMap):
     def undistort(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2"]:
         """Maps observed points `(..., 2)` to ideal ones, exactly; NaN where there is none (see `invert`)."""
         return self.preimages(points)
+
+    @jitted
+    def one_to_one(self, points: Float[ArrayLike, "*batch 2"]) -> Bool[Array, "*batch"]:
+        """Whether ideal points lie before the first fold on their ray from the origin."""
+        x, y = split(as_points(points))
+        return lies_inside(*lax.stop_gradient((self, x, y)))
+
+    @jitted
+    def invert(self, points: Float[ArrayLike, "*batch 2"]) -> Inverse:
+        """Finds the ideal points of observed ones, in the region about the origin where the lens is one-to-one.
+
+        The region is star-shaped: on each ray from the origin it ends where the Jacobian determinant first vanishes.
+        Newton's iteration, which does not leave it; the lens should be near the identity at the origin.
+
+        Args:
+            points: `(..., 2)` observed points.
+
+        Returns:
+            An `Inverse`, exact to the dtype's rounding. A point beyond the image of the region gets a point of its
+            edge; one that is not finite gets the origin. Derivatives of every order with respect to points and
+            parameters follow from the implicit function theorem; in masked places they are finite.
+        """
+        lens, target, root, status = self._solved(points)
+        x, y = split(target)
+        center = jnp.zeros(2, x.dtype)
+        region = find_region(lax.stop_gradient(lens).distort, center)
+        image = lens.distort(center)
+        lost = region.beyond(x - image[0], y - image[1])
+        root = jnp.where(lost[..., None], region.edge(x - image[0], y - image[1]), root)
+        solution = implicit_point_root(_point_residual, root, (lens, target))
+        converged = status == InverseStatus.CONVERGED
+        return Inverse(jnp.where(converged[..., None], solution, lax.stop_gradient(root)), converged, status)
+
+    @jitted
+    def preimages(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2"]:
+        """Returns the points of `invert`, NaN where they are not valid."""
+        lens, target, root, status = self._solved(points)
+        x, y = split(implicit_point_root(_point_residual, root, (lens, target)))
+        valid = status == InverseStatus.CONVERGED
+        return join(jnp.where(valid, x, jnp.nan), jnp.where(valid, y, jnp.nan))
+
+    def _solved(self, points: ArrayLike) -> tuple["Lens", Array, Array, Array]:
+        """The lens and finite observed points in a common dtype, their ideal points without derivatives, the status."""
+        lens, (x, y) = _in_common_dtype(self, split(as_points(points)))
+        finite = _squared_radius(x, y) < jnp.inf
+        x, y = jnp.where(finite, x, 0), jnp.where(finite, y, 0)
+        *root, status = solve(*lax.stop_gradient((lens, x, y)))
+        return lens, join(x, y), join(*root), jnp.where(finite, status, jnp.int8(InverseStatus.NOT_FINITE))
 
 
 class RadialLens(Lens):
@@ -127,7 +174,7 @@ class RadialLens(Lens):
     def _ideal_scale(self, squared: Float[Array, "*batch"]) -> tuple[Float[Array, "*batch"], Int8[Array, "*batch"]]:
         """The ratio of ideal to observed radius at squared observed radii, and the `InverseStatus`; ∞ is not finite."""
         finite = squared <= jnp.finfo(squared.dtype).max
-        lens, squared = self._promoted(jnp.where(finite, squared, 0))
+        lens, squared = _in_common_dtype(self, jnp.where(finite, squared, 0))
         fold, edge = lens.fold_radius(), lens.edge_radius()
         inside = squared <= lax.stop_gradient(edge) ** 2
         found = _solve(*lax.stop_gradient((lens, squared, fold, edge)))
@@ -140,12 +187,13 @@ class RadialLens(Lens):
         )
         return scale, inverse_status(finite, inside, converged)
 
-    def _promoted(self, squared: Float[Array, "*batch"]) -> tuple["RadialLens", Float[Array, "*batch"]]:
-        """The lens and the squared radii in their common dtype: a fold in a coarser one would not fit the points."""
-        parameters, rest = eqx.partition(self, eqx.is_inexact_array)
-        dtype = jnp.result_type(squared, *jax.tree.leaves(parameters))
-        parameters = jax.tree.map(lambda leaf: leaf.astype(dtype), parameters)
-        return eqx.combine(parameters, rest), squared.astype(dtype)
+
+def _in_common_dtype(lens: Lens, arrays: Any) -> tuple[Any, Any]:
+    """A lens and arrays in the dtype that all promote to: a fold in a coarser one would not fit the points."""
+    parameters, rest = eqx.partition(lens, eqx.is_inexact_array)
+    dtype = jnp.result_type(*jax.tree.leaves((parameters, arrays)))
+    parameters, arrays = jax.tree.map(lambda leaf: leaf.astype(dtype), (parameters, arrays))
+    return eqx.combine(parameters, rest), arrays
 
 
 def as_center(center: ArrayLike | list | tuple | None, dtype: jnp.dtype) -> Float[Array, "2"]:
@@ -162,7 +210,7 @@ def as_center(center: ArrayLike | list | tuple | None, dtype: jnp.dtype) -> Floa
     return array if hasattr(center, "dtype") else array.astype(dtype)
 
 
-@custom_vmap
+@in_turns
 def _solve(
     lens: RadialLens, squared: Float[Array, "*batch"], fold: Float[Array, ""], edge: Float[Array, ""]
 ) -> Float[Array, "*batch"]:
@@ -181,24 +229,6 @@ def _solve(
         return jnp.where(folds, fold_safe * jnp.clip(share, 0, 1), radius)
 
     return solve_increasing(lens.radius_and_slope, jnp.sqrt(jnp.minimum(squared, edge * edge)), start, fold)
-
-
-@_solve.def_vmap
-def _solve_batch(size, batched, *arguments):
-    """One large picture after another, so that each finds its temporary memory in the cache; small ones together."""
-    points = arguments[1].size // (size if batched[1] else 1)
-    axes = jax.tree.map(lambda is_batched: 0 if is_batched else None, batched)
-    if points < _LARGE:
-        results = jax.vmap(_solve.fun, in_axes=tuple(axes), axis_size=size)(*arguments)
-    else:
-        whole = [
-            jax.tree.map(
-                lambda leaf, is_batched: leaf if is_batched else jnp.broadcast_to(leaf, (size, *leaf.shape)), *pair
-            )
-            for pair in zip(arguments, batched, strict=True)
-        ]
-        results = lax.map(lambda each: _solve(*each), tuple(whole))
-    return results, True
 
 
 @jax.custom_jvp
@@ -222,3 +252,8 @@ def _squared_residual(squared_ideal: Array, parameters: tuple[RadialLens, Array]
     lens, squared = parameters
     factor = lens.factor(squared_ideal)
     return squared_ideal * factor * factor - squared
+
+
+def _point_residual(ideal: Array, parameters: tuple[Lens, Array]) -> Array:
+    lens, observed = parameters
+    return lens.distort(ideal) - observed

@@ -1,0 +1,121 @@
+"""Where a lens is one-to-one: a region that is star-shaped about its centre, found once a lens."""
+
+from collections.abc import Callable
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Bool, Float
+
+from jaxlens.newton import determinant, value_and_jacobian
+from jaxlens.numerics import join
+
+PlaneMap = Callable[[Float[Array, "*batch 2"]], Float[Array, "*batch 2"]]
+
+# Rays from the centre, and places on each of them: neighbours are 5 % apart.
+_DIRECTIONS = 64
+_RADII = np.geomspace(1e-3, 1e3, 256)
+_HALVINGS = 24
+# Between two rays the edge may lie this share nearer, or farther, than on both.
+_MARGIN = 0.01
+
+
+class Region(eqx.Module):
+    """The region about a centre where a lens keeps orientation: all points before the first fold on their ray.
+
+    Attributes:
+        center: The centre, in ideal coordinates.
+        rays: Unit vectors along the rays.
+        edges: The ideal radius of the fold on each ray, ∞ where there is none.
+        observed: Its observed radius about the centre's image, ∞ where there is none.
+    """
+
+    center: Float[Array, "2"]
+    rays: Float[Array, "directions 2"]
+    edges: Float[Array, " directions"]
+    observed: Float[Array, " directions"]
+
+    def surely(self, x: Float[Array, "*batch"], y: Float[Array, "*batch"]) -> Bool[Array, "*batch"]:
+        """Whether points at offsets (x, y) from the centre lie before the nearest fold of all."""
+        nearest = (1 - _MARGIN) * jnp.min(self.edges)
+        return x * x + y * y <= nearest * nearest
+
+    def contains(
+        self, x: Float[Array, "*batch"], y: Float[Array, "*batch"], determinant: Float[Array, "*batch"]
+    ) -> Bool[Array, "*batch"]:
+        """Whether points at offsets (x, y) from the centre, of these Jacobian determinants, lie in the region.
+
+        The rays beside a point say between which radii the edge lies; there the point's own determinant decides.
+        """
+        radius = jnp.sqrt(x * x + y * y)
+        after = jnp.floor(_turn(x, y)).astype(jnp.int32) % _DIRECTIONS
+        pair = self.edges[after], self.edges[(after + 1) % _DIRECTIONS]
+        near, far = jnp.minimum(*pair), jnp.maximum(*pair)
+        return (radius <= (1 - _MARGIN) * near) | ((radius <= (1 + _MARGIN) * far) & (determinant > 0))
+
+    def edge(self, x: Float[Array, "*batch"], y: Float[Array, "*batch"]) -> Float[Array, "*batch 2"]:
+        """Returns the points of the edge in the directions of offsets (x, y), between rays by linear interpolation."""
+        turn = _turn(x, y)
+        after = jnp.floor(turn).astype(jnp.int32)
+        share = turn - after
+        near, far = self.edges[after % _DIRECTIONS], self.edges[(after + 1) % _DIRECTIONS]
+        radius = jnp.where(jnp.isfinite(near) & jnp.isfinite(far), near * (1 - share) + far * share, 0)
+        size = jnp.sqrt(x * x + y * y)
+        scale = radius / jnp.where(size > 0, size, 1)
+        return join(self.center[0] + x * scale, self.center[1] + y * scale)
+
+    def beyond(self, x: Float[Array, "*batch"], y: Float[Array, "*batch"]) -> Bool[Array, "*batch"]:
+        """Whether observed points, at offsets (x, y) from the centre's image, lie beyond the image of every fold."""
+        farthest = (1 + _MARGIN) * jnp.max(self.observed)
+        return x * x + y * y > farthest * farthest
+
+
+def find_region(distort: PlaneMap, center: Float[Array, "2"]) -> Region:
+    """Follows the sign of the Jacobian determinant along rays from the centre, and halves the step where it changes.
+
+    A place where the lens is not finite (a pole, an overflow) ends the region too.
+    """
+    dtype = center.dtype
+    rays, radii = jnp.asarray(_rays(), dtype), jnp.asarray(_RADII, dtype)
+
+    def regular(radius):
+        points = _along(center, rays.reshape(-1, *[1] * (radius.ndim - 1), 2), radius)
+        return determinant(value_and_jacobian(distort, points)[1]) > 0
+
+    kept = jnp.cumprod(regular(jnp.broadcast_to(radii, (_DIRECTIONS, radii.size))), axis=1)
+    count = jnp.sum(kept, axis=1)
+    bounds = jnp.concatenate([jnp.zeros(1, dtype), radii])
+    low, high = bounds[count], bounds[jnp.minimum(count + 1, radii.size)]
+
+    def halve(_, bracket):
+        low, high = bracket
+        middle = 0.5 * (low + high)
+        inside = regular(middle)
+        return jnp.where(inside, middle, low), jnp.where(inside, high, middle)
+
+    low, _ = lax.fori_loop(0, _HALVINGS, halve, (low, high))
+    folds = count < radii.size
+    offset = distort(_along(center, rays, low)) - distort(center)[None]
+    observed = jnp.sqrt(jnp.sum(offset * offset, axis=-1))
+    return Region(center, rays, jnp.where(folds, low, jnp.inf), jnp.where(folds, observed, jnp.inf))
+
+
+def _along(center: Array, rays: Array, radius: Array) -> Array:
+    return join(center[0] + radius * rays[..., 0], center[1] + radius * rays[..., 1])
+
+
+def _rays() -> Float[np.ndarray, "directions 2"]:
+    """Unit vectors whose `_turn`s are 0, 1, 2, …"""
+    turn = 4 * np.arange(_DIRECTIONS) / _DIRECTIONS
+    corners = np.stack([np.abs(turn - 2), np.abs((turn - 1) % 4 - 2)], axis=-1) - 1
+    return corners / np.hypot(*corners.T)[:, None]
+
+
+def _turn(x: Array, y: Array) -> Array:
+    """Grows from 0 to the number of directions as a vector turns once: an angle without trigonometry."""
+    size = jnp.abs(x) + jnp.abs(y)
+    share = y / jnp.where(size > 0, size, 1)
+    quarter = jnp.where(x >= 0, jnp.where(y >= 0, share, 4 + share), 2 - share)
+    return quarter * (_DIRECTIONS / 4)
+
