@@ -235,9 +235,9 @@ def _size(vectors: Float[Array, "*batch n"]) -> Float[Array, "*batch"]:
 
 
 def _is_nearly_singular(matrix: Float[Array, "*batch n n"]) -> Bool[Array, "*batch"]:
-    """Whether the determinant is small beside the product of its columns' lengths, as it is where a step stands still."""
-    lengths = jnp.prod(jnp.sqrt(jnp.sum(matrix * matrix, axis=-2)), axis=-1)
-    return determinant(matrix) <= 16 * epsilon(matrix.dtype) ** 0.5 * lengths
+    """Whether the determinant is as small, beside the matrix, as where a step stands still before a fold."""
+    size = jnp.sqrt(jnp.sum(matrix * matrix, axis=(-2, -1)))
+    return determinant(matrix) <= 16 * epsilon(matrix.dtype) ** 0.5 * size ** matrix.shape[-1]
 
 
 def value_and_jacobian(
