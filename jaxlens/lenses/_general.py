@@ -69,7 +69,8 @@ def solve(lens: Any, x: Plane, y: Plane) -> tuple[Plane, Plane, Int8[Array, "*ba
 
     def refine(state):
         root_x, root_y, status, left = state
-        (index,) = jnp.nonzero(left, size=batch, fill_value=x.size)
+        # The places of the first of them, and the end for those that there are not.
+        index = jnp.searchsorted(jnp.cumsum(left), jnp.arange(1, batch + 1))
         goal = join(*(plane.at[index].get(mode="fill", fill_value=0) for plane in target))
         goal = jnp.where((index < x.size)[..., None], goal, image[None])
         start = jnp.broadcast_to(region.center, goal.shape)

@@ -15,8 +15,8 @@ PlaneMap = Callable[[Float[Array, "*batch 2"]], Float[Array, "*batch 2"]]
 
 # Rays from the centre, and places on each of them: neighbours are 5 % apart.
 _DIRECTIONS = 64
-_RADII = np.geomspace(1e-3, 1e3, 256)
-_HALVINGS = 24
+_PLACES = 256
+_NEAREST, _FARTHEST = 1e-3, 1e3
 # Between two rays the edge may lie this share nearer, or farther, than on both.
 _MARGIN = 0.01
 
@@ -72,30 +72,23 @@ class Region(eqx.Module):
 
 
 def find_region(distort: PlaneMap, center: Float[Array, "2"]) -> Region:
-    """Follows the sign of the Jacobian determinant along rays from the centre, and halves the step where it changes.
+    """Follows the sign of the Jacobian determinant along rays from the centre, twice: all the way, then where it turns.
 
     A place where the lens is not finite (a pole, an overflow) ends the region too.
     """
     dtype = center.dtype
-    rays, radii = jnp.asarray(_rays(), dtype), jnp.asarray(_RADII, dtype)
+    rays, shares = jnp.asarray(_rays(), dtype), jnp.asarray(np.linspace(0, 1, _PLACES), dtype)
+    low, high = (jnp.full(_DIRECTIONS, radius, dtype) for radius in (_NEAREST, _FARTHEST))
 
-    def regular(radius):
-        points = _along(center, rays.reshape(-1, *[1] * (radius.ndim - 1), 2), radius)
-        return determinant(value_and_jacobian(distort, points)[1]) > 0
+    def narrow(_, bracket):
+        low, high, folds = bracket
+        radii = low[:, None] * (high / low)[:, None] ** shares[None]
+        regular = determinant(value_and_jacobian(distort, _along(center, rays[:, None], radii))[1]) > 0
+        first = jnp.argmin(regular, axis=1)  # zero, too, if there is none
+        ends = (jnp.take_along_axis(radii, jnp.maximum(first + k, 0)[:, None], axis=1)[:, 0] for k in (-1, 0))
+        return *ends, folds & ~jnp.all(regular, axis=1)
 
-    kept = jnp.cumprod(regular(jnp.broadcast_to(radii, (_DIRECTIONS, radii.size))), axis=1)
-    count = jnp.sum(kept, axis=1)
-    bounds = jnp.concatenate([jnp.zeros(1, dtype), radii])
-    low, high = bounds[count], bounds[jnp.minimum(count + 1, radii.size)]
-
-    def halve(_, bracket):
-        low, high = bracket
-        middle = 0.5 * (low + high)
-        inside = regular(middle)
-        return jnp.where(inside, middle, low), jnp.where(inside, high, middle)
-
-    low, _ = lax.fori_loop(0, _HALVINGS, halve, (low, high))
-    folds = count < radii.size
+    low, _, folds = lax.fori_loop(0, 2, narrow, (low, high, jnp.ones(_DIRECTIONS, bool)))
     offset = distort(_along(center, rays, low)) - distort(center)[None]
     observed = jnp.sqrt(jnp.sum(offset * offset, axis=-1))
     return Region(center, rays, jnp.where(folds, low, jnp.inf), jnp.where(folds, observed, jnp.inf))
