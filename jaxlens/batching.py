@@ -29,7 +29,9 @@ def in_turns(function: Callable[..., Any]) -> Callable[..., Any]:
             axes = jax.tree.map(lambda batched: 0 if batched else None, is_batched)
             results = jax.vmap(function, in_axes=tuple(axes), axis_size=size)(*arguments)
         else:
-            results = lax.map(lambda each: batched(*each), jax.tree.map(_repeated(size), tuple(arguments), tuple(is_batched)))
+            results = lax.map(
+                lambda each: batched(*each), jax.tree.map(_repeated(size), tuple(arguments), tuple(is_batched))
+            )
         return results, jax.tree.map(lambda _: True, results)
 
     return batched

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from jaxlens.numerics import as_floating, as_points, join, split
+from jaxlens.numerics import as_floating, as_points, join, shown, split
 
 
 class Frame(eqx.Module):
@@ -27,6 +27,9 @@ class Frame(eqx.Module):
     def __init__(self, center: ArrayLike | Sequence, scale: ArrayLike | Sequence):
         self.center = _pair(center)
         self.scale = _pair(scale)
+
+    def __repr__(self) -> str:
+        return shown(self)
 
     @classmethod
     def half_diagonal(cls, height: ArrayLike, width: ArrayLike) -> "Frame":

@@ -10,7 +10,7 @@ from jax import lax
 from jaxtyping import Array, ArrayLike, Bool, Float, Int8, PyTree
 
 from jaxlens.newton import determinant, implicit_point_root, value_and_jacobian, solve_points
-from jaxlens.numerics import as_points, jitted, join, split
+from jaxlens.numerics import as_points, jitted, join, shown, split
 
 
 class InverseStatus(enum.IntEnum):
@@ -62,6 +62,14 @@ class CoordinateMap(eqx.Module):
     array. Subclasses define `__call__`; they override `invert` where something better than the two-dimensional
     Newton iteration is known.
     """
+
+    def __repr__(self) -> str:
+        return shown(self)
+
+    @property
+    def needs_frame(self) -> bool:
+        """Whether the map is written in coordinates of its own, as a camera's, so that Eq. 10's frame is not meant."""
+        return False
 
     @abc.abstractmethod
     def __call__(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2"]:
@@ -142,6 +150,11 @@ class Inverted(CoordinateMap):
         """Returns the preimages of points, NaN where there is none."""
         return self.mapping.preimages(points)
 
+    @property
+    def needs_frame(self) -> bool:
+        """Is that of the map."""
+        return self.mapping.needs_frame
+
     def adjustable(self) -> PyTree:
         """Is that of the map."""
         return Inverted(self.mapping.adjustable())
@@ -177,6 +190,11 @@ class OneToOne(CoordinateMap):
         x, y = split(self.mapping(points))
         return join(jnp.where(inside, x, jnp.nan), jnp.where(inside, y, jnp.nan))
 
+    @property
+    def needs_frame(self) -> bool:
+        """Is that of the map."""
+        return self.mapping.needs_frame
+
     def adjustable(self) -> PyTree:
         """Is that of the map."""
         return OneToOne(self.mapping.adjustable())
@@ -206,6 +224,11 @@ class Chain(CoordinateMap):
         for mapping in self.maps:
             points = mapping(points)
         return points
+
+    @property
+    def needs_frame(self) -> bool:
+        """Whether one of the maps does."""
+        return any(mapping.needs_frame for mapping in self.maps)
 
     def adjustable(self) -> PyTree:
         """Is that of each map."""

@@ -216,7 +216,14 @@ def solve_points(
 
     value, jacobian = value_and_jacobian(function, start)
     residual = value - target
-    state = (0, start, residual, jacobian, jnp.ones(target.shape[:-1], target.dtype), _size(residual) <= rounding(start))
+    state = (
+        0,
+        start,
+        residual,
+        jacobian,
+        jnp.ones(target.shape[:-1], target.dtype),
+        _size(residual) <= rounding(start),
+    )
     _, x, residual, jacobian, _, _ = lax.while_loop(unfinished, body, state)
     # Rounding may refuse the last step of a converged iteration: judge by how far Newton would still go, too, in units
     # of about one, in which maps are written.

@@ -1,13 +1,18 @@
 """Small numerical helpers that every layer of the core shares."""
 
+import dataclasses
 from collections.abc import Callable, Sequence
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float, PyTree
+
+# Numbers up to which an array is shown in full.
+_FEW = 32
 
 Method = TypeVar("Method", bound=Callable)
 
@@ -20,6 +25,18 @@ def jitted(method: Method) -> Method:
 def is_concrete(*trees: PyTree) -> bool:
     """Tells whether the numbers are known, or stand for later ones under `jax.jit` or `jax.vmap`."""
     return not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees))
+
+
+def shown(module: Any) -> str:
+    """Returns a module as it is made, with its numbers where they are known and not too many."""
+    fields = dataclasses.fields(module)
+    return f"{type(module).__name__}({', '.join(f'{field.name}={_shown(getattr(module, field.name))}' for field in fields)})"
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, jax.Array | np.ndarray) and is_concrete(value) and value.size <= _FEW:
+        return np.array2string(np.asarray(value), separator=", ", max_line_width=10**6)
+    return eqx.tree_pformat(value) if isinstance(value, jax.Array) else repr(value)
 
 
 def as_floating(values: ArrayLike | Sequence) -> Array:
@@ -37,6 +54,30 @@ def as_floating(values: ArrayLike | Sequence) -> Array:
     if jnp.issubdtype(array.dtype, jnp.floating):
         return array
     return array.astype(jnp.result_type(float))
+
+
+def as_coefficients(values: ArrayLike | Sequence, name: str, meaning: str) -> Float[Array, " terms"]:
+    """Returns the coefficients of a lens as a vector; OpenCV's 1×n and n×1 arrays are taken as such.
+
+    Args:
+        values: The coefficients.
+        name: The class that they are for, for messages.
+        meaning: What they are, for messages.
+
+    Raises:
+        ValueError: a single number, or an array that is no vector.
+    """
+    array = as_floating(values)
+    if array.ndim == 0:
+        raise ValueError(f"{name} takes {meaning} as a list, got a number: write {name}([{values}])")
+    if array.ndim == 2 and 1 in array.shape:
+        return array.reshape(-1)
+    if array.ndim != 1:
+        raise ValueError(
+            f"{name} takes {meaning} as a vector, got shape {array.shape}; a batch of lenses is made by "
+            f"jax.vmap({name})(coefficients)"
+        )
+    return array
 
 
 def as_points(points: ArrayLike | Sequence) -> Float[Array, "*batch 2"]:

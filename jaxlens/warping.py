@@ -83,7 +83,7 @@ def distort_image(
     """
     return warp(
         image,
-        Inverted(lens),
+        Inverted(_as_lens(lens)),
         frame=frame,
         output_frame=output_frame,
         shape=shape,
@@ -116,7 +116,7 @@ def undistort_image(
     """
     return warp(
         image,
-        OneToOne(lens),
+        OneToOne(_as_lens(lens)),
         frame=frame,
         output_frame=output_frame,
         shape=shape,
@@ -149,7 +149,9 @@ def distortion_map(
     Returns:
         The coordinates, NaN where a pixel has no preimage.
     """
-    return source_coordinates(Inverted(lens), height, width, frame=frame, output_frame=output_frame, shape=shape)
+    return source_coordinates(
+        Inverted(_as_lens(lens)), height, width, frame=frame, output_frame=output_frame, shape=shape
+    )
 
 
 def undistortion_map(
@@ -162,7 +164,9 @@ def undistortion_map(
     shape: tuple[int, int] | None = None,
 ) -> Float[Array, "new_height new_width 2"]:
     """Returns where `undistort_image` samples: as `distortion_map`, for the other direction."""
-    return source_coordinates(OneToOne(lens), height, width, frame=frame, output_frame=output_frame, shape=shape)
+    return source_coordinates(
+        OneToOne(_as_lens(lens)), height, width, frame=frame, output_frame=output_frame, shape=shape
+    )
 
 
 @partial(jax.jit, static_argnames=("height", "width", "shape"))
@@ -189,7 +193,24 @@ def pixel_grid(height: int, width: int, dtype: jax.typing.DTypeLike) -> Float[Ar
 
 
 def frame_for(mapping: CoordinateMap, height: int, width: int) -> Frame:
-    """Returns Eq. 10's frame in the dtype that the map's parameters promote to."""
+    """Returns Eq. 10's frame in the dtype that the map's parameters promote to.
+
+    Raises:
+        ValueError: the map is written in a camera's coordinates.
+    """
+    if mapping.needs_frame:
+        raise ValueError(
+            "this lens is written in the coordinates of a camera, not in Eq. 10's: give its frame, "
+            "frame=jl.Frame.from_camera_matrix([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])"
+        )
     leaves = [leaf for leaf in jax.tree.leaves(mapping) if jnp.issubdtype(jnp.asarray(leaf).dtype, jnp.floating)]
     dtype = jnp.result_type(*leaves) if leaves else jnp.result_type(float)
     return jax.tree.map(lambda leaf: leaf.astype(dtype), Frame.half_diagonal(height, width))
+
+
+def _as_lens(lens: Lens) -> Lens:
+    if not isinstance(lens, Lens):
+        raise ValueError(
+            f"expected a lens, got {type(lens).__name__}: coefficients become one by jl.RadialPolynomial([-0.3, 0.1])"
+        )
+    return lens

@@ -3,7 +3,7 @@
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxlens.lenses._lens import Lens
-from jaxlens.numerics import as_floating, as_points, jitted, join, split
+from jaxlens.numerics import as_coefficients, as_points, jitted, join, split
 
 
 class BrownConrady(Lens):
@@ -25,12 +25,17 @@ class BrownConrady(Lens):
     coefficients: Float[Array, " terms"]
 
     def __init__(self, coefficients: ArrayLike | list | tuple):
-        self.coefficients = as_floating(coefficients)
-        if self.coefficients.ndim != 1 or self.coefficients.shape[0] not in (4, 5, 8):
+        self.coefficients = as_coefficients(coefficients, "BrownConrady", "k1, k2, p1, p2[, k3[, k4, k5, k6]]")
+        if self.coefficients.shape[0] not in (4, 5, 8):
             raise ValueError(
-                "coefficients must be k1, k2, p1, p2[, k3[, k4, k5, k6]], that is 4, 5 or 8 numbers, got shape "
-                f"{self.coefficients.shape}; a batch of lenses is made by jax.vmap(BrownConrady)(coefficients)"
+                "BrownConrady takes k1, k2, p1, p2[, k3[, k4, k5, k6]], that is 4, 5 or 8 numbers, got "
+                f"{self.coefficients.shape[0]}"
             )
+
+    @property
+    def needs_frame(self) -> bool:
+        """True: the coordinates are those of a camera matrix."""
+        return True
 
     @jitted
     def distort(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2"]:

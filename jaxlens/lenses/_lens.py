@@ -17,6 +17,7 @@ from jaxlens.maps import CoordinateMap, Inverse, InverseStatus, inverse_status
 from jaxlens.newton import derivatives, implicit_point_root, implicit_root, is_root, solve_increasing
 from jaxlens.numerics import as_floating, as_points, jitted, join, split
 
+
 class Lens(CoordinateMap):
     """A coordinate map that takes ideal points to observed ones, both normalized."""
 

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxlens.lenses._lens import RadialLens, as_center
-from jaxlens.numerics import as_floating, jitted, polynomial
+from jaxlens.numerics import as_coefficients, jitted, polynomial
 from jaxlens.polynomials import smallest_positive_root
 
 
@@ -27,12 +27,7 @@ class RadialPolynomial(RadialLens):
     coefficients: Float[Array, " order"]
 
     def __init__(self, coefficients: ArrayLike | list | tuple, *, center: ArrayLike | list | tuple | None = None):
-        self.coefficients = as_floating(coefficients)
-        if self.coefficients.ndim != 1:
-            raise ValueError(
-                f"coefficients must be a vector κ1, κ2, …, got shape {self.coefficients.shape}; "
-                "a batch of lenses is made by jax.vmap(RadialPolynomial)(coefficients)"
-            )
+        self.coefficients = as_coefficients(coefficients, "RadialPolynomial", "κ1, κ2, …")
         self.center = as_center(center, self.coefficients.dtype)
 
     def factor(self, squared_radius: Float[Array, "*batch"]) -> Float[Array, "*batch"]:

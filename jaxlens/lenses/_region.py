@@ -17,6 +17,8 @@ PlaneMap = Callable[[Float[Array, "*batch 2"]], Float[Array, "*batch 2"]]
 _DIRECTIONS = 64
 _PLACES = 256
 _NEAREST, _FARTHEST = 1e-3, 1e3
+# Looks at the places between the last before a fold and the first beyond it: the fourth is some 1e-9 of the radius apart.
+_ROUNDS = 4
 # Between two rays the edge may lie this share nearer, or farther, than on both.
 _MARGIN = 0.01
 
@@ -72,7 +74,7 @@ class Region(eqx.Module):
 
 
 def find_region(distort: PlaneMap, center: Float[Array, "2"]) -> Region:
-    """Follows the sign of the Jacobian determinant along rays from the centre, twice: all the way, then where it turns.
+    """Follows the sign of the Jacobian determinant along rays from the centre: all the way first, then where it turns.
 
     A place where the lens is not finite (a pole, an overflow) ends the region too.
     """
@@ -88,7 +90,7 @@ def find_region(distort: PlaneMap, center: Float[Array, "2"]) -> Region:
         ends = (jnp.take_along_axis(radii, jnp.maximum(first + k, 0)[:, None], axis=1)[:, 0] for k in (-1, 0))
         return *ends, folds & ~jnp.all(regular, axis=1)
 
-    low, _, folds = lax.fori_loop(0, 2, narrow, (low, high, jnp.ones(_DIRECTIONS, bool)))
+    low, _, folds = lax.fori_loop(0, _ROUNDS, narrow, (low, high, jnp.ones(_DIRECTIONS, bool)))
     offset = distort(_along(center, rays, low)) - distort(center)[None]
     observed = jnp.sqrt(jnp.sum(offset * offset, axis=-1))
     return Region(center, rays, jnp.where(folds, low, jnp.inf), jnp.where(folds, observed, jnp.inf))
@@ -111,4 +113,3 @@ def _turn(x: Array, y: Array) -> Array:
     share = y / jnp.where(size > 0, size, 1)
     quarter = jnp.where(x >= 0, jnp.where(y >= 0, share, 4 + share), 2 - share)
     return quarter * (_DIRECTIONS / 4)
-
