@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, ArrayLike, Bool, Float, Int8, PyTree
 
-from jaxlens.newton import determinant, implicit_point_root, value_and_jacobian, solve_points
+from jaxlens.newton import determinant, implicit_point_root, solve_points, value_and_jacobian
 from jaxlens.numerics import as_points, jitted, join, shown, split
 
 

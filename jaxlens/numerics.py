@@ -29,8 +29,8 @@ def is_concrete(*trees: PyTree) -> bool:
 
 def shown(module: Any) -> str:
     """Returns a module as it is made, with its numbers where they are known and not too many."""
-    fields = dataclasses.fields(module)
-    return f"{type(module).__name__}({', '.join(f'{field.name}={_shown(getattr(module, field.name))}' for field in fields)})"
+    values = [f"{field.name}={_shown(getattr(module, field.name))}" for field in dataclasses.fields(module)]
+    return f"{type(module).__name__}({', '.join(values)})"
 
 
 def _shown(value: Any) -> str:

@@ -25,7 +25,7 @@ from jaxlens.fitting._robust import Loss
 from jaxlens.fitting._solver import Unknowns, jacobian_rows
 from jaxlens.frames import Frame
 from jaxlens.lenses import Lens
-from jaxlens.newton import value_and_jacobian, solve_small
+from jaxlens.newton import solve_small, value_and_jacobian
 from jaxlens.numerics import as_floating, join, split
 
 # A line's own parameters, its angle and offset; with as many points it is straight whatever the lens.

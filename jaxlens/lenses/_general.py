@@ -64,7 +64,7 @@ def solve(lens: Any, x: Plane, y: Plane) -> tuple[Plane, Plane, Int8[Array, "*ba
     done = settled(root, target) | beyond
     status = jnp.where(beyond, InverseStatus.NO_PREIMAGE, InverseStatus.CONVERGED).astype(jnp.int8)
 
-    # The second chance takes what is left, some of it at a time: where nothing is left it costs nothing, not even memory.
+    # The second chance takes what is left, some of it at a time: where nothing is, it costs nothing, not even memory.
     batch = min(_BATCH, x.size)
 
     def refine(state):

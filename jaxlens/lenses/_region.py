@@ -17,7 +17,7 @@ PlaneMap = Callable[[Float[Array, "*batch 2"]], Float[Array, "*batch 2"]]
 _DIRECTIONS = 64
 _PLACES = 256
 _NEAREST, _FARTHEST = 1e-3, 1e3
-# Looks at the places between the last before a fold and the first beyond it: the fourth is some 1e-9 of the radius apart.
+# Looks, each between the last place before a fold and the first beyond it: in the fourth they are 1e-9 apart.
 _ROUNDS = 4
 # Between two rays the edge may lie this share nearer, or farther, than on both.
 _MARGIN = 0.01
@@ -101,7 +101,7 @@ def _along(center: Array, rays: Array, radius: Array) -> Array:
 
 
 def _rays() -> Float[np.ndarray, "directions 2"]:
-    """Unit vectors whose `_turn`s are 0, 1, 2, …"""
+    """Unit vectors, whose `_turn`s are the whole numbers."""
     turn = 4 * np.arange(_DIRECTIONS) / _DIRECTIONS
     corners = np.stack([np.abs(turn - 2), np.abs((turn - 1) % 4 - 2)], axis=-1) - 1
     return corners / np.hypot(*corners.T)[:, None]

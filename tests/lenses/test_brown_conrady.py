@@ -189,10 +189,45 @@ def test_batches(x64, count):
     assert lens.undistort(jnp.zeros((0, 2))).shape == (0, 2)
 
 
-@pytest.mark.parametrize("shape", [(), (0,), (3,), (6,), (7,), (9,), (12,), (14,), (2, 4)])
+@pytest.mark.parametrize("shape", [(0,), (3,), (6,), (7,), (9,), (12,), (14,), (3, 1)])
 def test_a_wrong_number_of_coefficients(shape):
-    with pytest.raises(ValueError, match="that is 4, 5 or 8 numbers, got shape"):
+    with pytest.raises(ValueError, match=f"that is 4, 5 or 8 numbers, got {shape[0]}"):
         jl.BrownConrady(np.zeros(shape))
+
+
+def test_coefficients_are_a_vector():
+    """OpenCV's 1×5 and 5×1 too; a number and a batch are told what they should be."""
+    for shape in ((5,), (1, 5), (5, 1)):
+        assert jl.BrownConrady(np.arange(5.0).reshape(shape)).coefficients.tolist() == [0, 1, 2, 3, 4]
+        assert jl.RadialPolynomial(np.arange(5.0).reshape(shape)).coefficients.tolist() == [0, 1, 2, 3, 4]
+    for make in (jl.BrownConrady, jl.RadialPolynomial):
+        with pytest.raises(ValueError, match=rf"write {make.__name__}\(\[-0.3\]\)"):
+            make(-0.3)
+        with pytest.raises(ValueError, match=rf"jax.vmap\({make.__name__}\)"):
+            make(np.zeros((2, 4)))
+
+
+def test_its_frame_is_asked_for():
+    """Eq. 10's would be wrong in silence."""
+    lens, image = jl.BrownConrady([-0.28, 0.03, 0.001, 0.0, 0.16]), jnp.zeros((6, 8))
+    for attempt in (jl.distort_image, jl.undistort_image, jl.warp):
+        with pytest.raises(ValueError, match="coordinates of a camera.*frame=jl.Frame.from_camera_matrix"):
+            attempt(image, lens)
+    chain = jl.RadialPolynomial([0.1]).then(lens.inverse())
+    with pytest.raises(ValueError, match="coordinates of a camera"):
+        jl.diagnostics.coverage(chain, 6, 8)
+    frame = jl.Frame([4.0, 3.0], 8.0)
+    assert jl.undistort_image(image, lens, frame=frame).shape == (6, 8)
+
+
+def test_it_shows_its_numbers():
+    lens = jl.BrownConrady([-0.25, 0.5, 0.0, 0.0])
+    assert repr(lens) == "BrownConrady(coefficients=[-0.25,  0.5 ,  0.  ,  0.  ])"
+    assert "mapping=BrownConrady(coefficients=[-0.25" in str(lens.inverse())
+    assert repr(jl.Frame([4.0, 3.0], 8.0)) == "Frame(center=[4., 3.], scale=[8., 8.])"
+    told = []
+    jax.eval_shape(lambda lens: told.append(repr(lens)), lens)  # unknown numbers are told by their shapes
+    assert told == ["BrownConrady(coefficients=f32[4])"]
 
 
 def test_where_it_is_one_to_one(x64):
