@@ -10,7 +10,7 @@ from jax import lax
 from jaxtyping import Array, ArrayLike, Bool, Float, Int8, PyTree
 
 from jaxlens.newton import determinant, implicit_point_root, solve_points, value_and_jacobian
-from jaxlens.numerics import as_points, jitted, join, shown, split
+from jaxlens.numerics import as_points, jitted, join, numbered, shown, split
 
 
 class InverseStatus(enum.IntEnum):
@@ -85,6 +85,15 @@ class CoordinateMap(eqx.Module):
         A map with numbers that tell where it is, rather than what it does, overrides this.
         """
         return jax.tree.map(lambda _: True, self)
+
+    def parameter_names(self, field: str, shape: tuple[int, ...]) -> list[str]:
+        """Returns what a fit calls the numbers of a field, row by row: by default the field's name and an index.
+
+        Args:
+            field: The field's name.
+            shape: Of the array that it holds.
+        """
+        return numbered(field, shape)
 
     @jitted
     def jacobian(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2 2"]:

@@ -11,6 +11,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
+# What the field calls the x and y of these.
+_PAIRS = {"center": "center_", "principal_point": "c", "focal_length": "f"}
 # Numbers up to which an array is shown in full.
 _FEW = 32
 
@@ -25,6 +27,13 @@ def jitted(method: Method) -> Method:
 def is_concrete(*trees: PyTree) -> bool:
     """Tells whether the numbers are known, or stand for later ones under `jax.jit` or `jax.vmap`."""
     return not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees))
+
+
+def numbered(name: str, shape: tuple[int, ...]) -> list[str]:
+    """Returns a name for each number of an array, row by row: `name[0]`, `name[1]`, …; a lone number has the name."""
+    if name in _PAIRS and shape == (2,):
+        return [_PAIRS[name] + axis for axis in "xy"]
+    return [name + "".join(f"[{i}]" for i in index) for index in np.ndindex(*shape)]
 
 
 def shown(module: Any) -> str:

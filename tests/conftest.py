@@ -1,13 +1,26 @@
-"""What all tests share: strict broadcasting, and both precisions without a global switch."""
+"""What all tests share: quick compilation, strict broadcasting, and both precisions without a global switch."""
 
 import os
+import subprocess
+import sys
 
 import jax
 import pytest
 
+
+def _is_known(flag):
+    """Whether XLA starts with this flag: it ends the process at one that it does not know, and lists none."""
+    environment = os.environ | {"XLA_FLAGS": flag, "JAX_PLATFORMS": "cpu"}
+    command = [sys.executable, "-c", "import jax; jax.devices()"]
+    return subprocess.run(command, env=environment, capture_output=True).returncode == 0
+
+
 # Nearly all the time is compilation: code that runs once need not be optimized, and the older of the two generators of
-# fused loops compiles three times as fast. Read when the first array is made.
-os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false")
+# fused loops, where there still are two, compiles three times as fast. Read when the first array is made; the workers
+# of pytest-xdist inherit what the first process found. XLA_FLAGS= (empty) tests what users run.
+if "XLA_FLAGS" not in os.environ:
+    flags = ("--xla_backend_optimization_level=0", "--xla_cpu_use_fusion_emitters=false")
+    os.environ["XLA_FLAGS"] = " ".join(flag for flag in flags if _is_known(flag))
 
 
 @pytest.fixture(autouse=True)

@@ -149,6 +149,12 @@ class Homography(CoordinateMap):
         """
         return eqx.tree_at(lambda homography: homography.matrix, self, np.arange(9).reshape(3, 3) < 8)
 
+    def parameter_names(self, field: str, shape: tuple[int, ...]) -> list[str]:
+        """Returns h11, h12, … for the matrix."""
+        if field == "matrix":
+            return [f"h{i + 1}{j + 1}" for i, j in np.ndindex(*shape)]
+        return super().parameter_names(field, shape)
+
     def __matmul__(self, other: "Homography") -> "Homography":
         """Returns the map `p → self(other(p))`.
 

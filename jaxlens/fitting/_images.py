@@ -275,9 +275,8 @@ def _search(level: _Images, values: Array, options: dict) -> tuple[Array, Array]
 def _grid(level: _Images, values: Array) -> Array:
     """Starts in which the first two coefficients, or the only one, move the picture's corner by set amounts."""
     names = level.selection.choice.names
-    places = [
-        index for index, name in enumerate(names) if not name.startswith("center") and name not in ("gain", "offset")
-    ]
+    light = ("gain", "offset")
+    places = [i for i, name in enumerate(names) if "center_" not in name and name not in light]
     corner = level.frame.normalize(jnp.zeros(2, values.dtype))
     radius = jnp.sqrt(jnp.sum(corner**2))
 

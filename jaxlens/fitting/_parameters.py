@@ -1,5 +1,6 @@
 """Which numbers of a pytree are fitted: from a pytree and a mask to a vector, and back."""
 
+from collections import Counter
 from collections.abc import Sequence
 from functools import cache, lru_cache
 from typing import Any, NamedTuple
@@ -11,17 +12,8 @@ import numpy as np
 from jax.tree_util import DictKey, GetAttrKey, SequenceKey, keystr
 from jaxtyping import Array, Float, PyTree
 
-from jaxlens.deformations import Homography
-from jaxlens.lenses import BrownConrady, RadialPolynomial
 from jaxlens.maps import CoordinateMap
-
-# Names that the field has for the numbers of a vector or matrix.
-_OPENCV = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
-_SYMBOLS = {
-    (RadialPolynomial, "coefficients"): lambda i: f"kappa{i + 1}",
-    (BrownConrady, "coefficients"): lambda i: _OPENCV[i],
-    (Homography, "matrix"): lambda i, j: f"h{i + 1}{j + 1}",
-}
+from jaxlens.numerics import numbered
 
 
 class Choice(NamedTuple):
@@ -107,12 +99,14 @@ def _choose(structure: Any, shapes: tuple[tuple[int, ...], ...], masks: tuple["b
         flags = np.broadcast_to(mask, shape).ravel()
         names = _names(tree, path, shape)
         # A centre of distortion is named after the coefficients of its lens.
-        branch = str(path[0]) if isinstance(path[0], DictKey) else ""
-        late = bool(names) and names[0].startswith("center")
+        branch = str(path[0].key) if isinstance(path[0], DictKey) else ""
+        late = getattr(path[-1], "name", None) == "center"
         chosen += [(branch, late, begin + i, names[i]) for i in np.flatnonzero(flags).tolist()]
         begin += flags.size
-    chosen.sort()
-    return Choice(tuple(index for *_, index, _ in chosen), tuple(name for *_, name in chosen))
+    chosen = _told_apart(sorted(chosen))
+    names = tuple(name for *_, name in chosen)
+    assert len(set(names)) == len(names), f"parameters of one name: {names}"
+    return Choice(tuple(index for *_, index, _ in chosen), names)
 
 
 def without(choice: Choice, fixed: Sequence[str]) -> Choice:
@@ -147,7 +141,12 @@ def _adjustable(structure: Any) -> PyTree:
 
 def in_dtype(tree: PyTree, dtype: jax.typing.DTypeLike) -> Any:
     """Returns a pytree with all its floating arrays in one dtype."""
-    return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), tree)
+
+    def cast(leaf: Any) -> Any:
+        array = jnp.asarray(leaf)  # integers and booleans count or choose something, and stay
+        return array.astype(dtype) if jnp.issubdtype(array.dtype, jnp.floating) else array
+
+    return jax.tree.map(cast, tree)
 
 
 def _ravel(tree: PyTree) -> Float[Array, " numbers"]:
@@ -155,6 +154,7 @@ def _ravel(tree: PyTree) -> Float[Array, " numbers"]:
 
 
 def _names(tree: PyTree, path: tuple, shape: tuple[int, ...]) -> list[str]:
+    """The names of an array's numbers: its owner's, after the path to an owner that stands inside another."""
     owner = tree
     for key in path[:-1]:
         match key:
@@ -164,12 +164,16 @@ def _names(tree: PyTree, path: tuple, shape: tuple[int, ...]) -> list[str]:
                 owner = owner[key]
     last = path[-1] if path else None
     name = getattr(last, "name", None) or str(getattr(last, "key", "value"))
-    for (kind, field), symbol in _SYMBOLS.items():
-        if isinstance(owner, kind) and field == name:
-            return [symbol(*index) for index in np.ndindex(*shape)]
-    if shape == ():
-        return [name]
-    if name in ("center", "principal_point", "focal_length") and shape == (2,):
-        stem = {"center": "center_", "principal_point": "c", "focal_length": "f"}[name]
-        return [stem + "x", stem + "y"]
-    return [name + "".join(f"[{i}]" for i in index) for index in np.ndindex(*shape)]
+    names = owner.parameter_names(name, shape) if isinstance(owner, CoordinateMap) else numbered(name, shape)
+    inside = path[1:-1] if path and isinstance(path[0], DictKey) else path[:-1]
+    prefix = keystr(inside).removeprefix(".")
+    return [f"{prefix}.{name}" for name in names] if prefix else names
+
+
+def _told_apart(chosen: list[tuple[str, bool, int, str]]) -> list[tuple[str, bool, int, str]]:
+    """The same, where a name of the lens's is somebody else's too (a lens may have a `gain` as light has) in full."""
+    count = Counter(name for *_, name in chosen)
+    return [
+        (branch, late, index, f"{branch}.{name}" if count[name] > 1 and branch == "lens" else name)
+        for branch, late, index, name in chosen
+    ]

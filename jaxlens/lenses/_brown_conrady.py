@@ -5,6 +5,8 @@ from jaxtyping import Array, ArrayLike, Float
 from jaxlens.lenses._lens import Lens
 from jaxlens.numerics import as_coefficients, as_points, jitted, join, split
 
+_NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+
 
 class BrownConrady(Lens):
     """`x_d = x_u R + (2 p1 x y + p2 (r² + 2 x²), p1 (r² + 2 y²) + 2 p2 x y)` (Brown 1966; OpenCV's model and order).
@@ -53,3 +55,7 @@ class BrownConrady(Lens):
             x * factor + p1 * cross + p2 * (squared + 2 * x * x),
             y * factor + p1 * (squared + 2 * y * y) + p2 * cross,
         )
+
+    def parameter_names(self, field: str, shape: tuple[int, ...]) -> list[str]:
+        """Returns OpenCV's names, in its order."""
+        return list(_NAMES[: shape[0]]) if field == "coefficients" else super().parameter_names(field, shape)

@@ -40,6 +40,12 @@ class RadialPolynomial(RadialLens):
         slope = 1 + squared * polynomial(self._slope_coefficients(), squared)
         return radius * self.factor(squared), slope
 
+    def parameter_names(self, field: str, shape: tuple[int, ...]) -> list[str]:
+        """Returns kappa1, kappa2, … for the coefficients."""
+        if field == "coefficients":
+            return [f"kappa{i + 1}" for i in range(*shape)]
+        return super().parameter_names(field, shape)
+
     @jitted
     def fold_radius(self) -> Float[Array, ""]:
         """Returns the first ρ at which d(ρ Φ(ρ²))/dρ = 1 + 3 κ1 ρ² + 5 κ2 ρ⁴ + … turns negative; ∞ if it never does."""

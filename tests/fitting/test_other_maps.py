@@ -1,13 +1,17 @@
 """What is fitted need not be a lens: lattices, fields, homographies and chains of maps come back, too."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jaxtyping import Array, Float
 
 import jaxlens as jl
 from jaxlens.deformations import BSplineField, FreeForm, Homography
 from jaxlens.fitting import FitError, fit_images, fit_points
+from jaxlens.fitting._parameters import choose, in_dtype
+from jaxlens.numerics import join, split
 
 RANDOM = np.random.default_rng(0)
 POINTS = RANDOM.uniform(-0.9, 0.9, (300, 2))
@@ -28,6 +32,17 @@ def _field():
 
 def _homography():
     return Homography(np.eye(3)), Homography(TILT)
+
+
+class Amplifier(jl.Lens):
+    """A lens of somebody's own, of one number, which it calls as light's is called."""
+
+    gain: Float[Array, ""] = eqx.field(converter=jnp.asarray)
+
+    def distort(self, points):
+        x, y = split(points)
+        factor = 1 + self.gain * (x * x + y * y)
+        return join(x * factor, y * factor)
 
 
 def _chain():
@@ -72,3 +87,30 @@ def test_what_adjusts(x64):
     assert jl.Inverted(jl.Division(0.1)).adjustable().mapping.center is False
     assert jl.OneToOne(jl.Division(0.1)).adjustable().mapping.k is True
     assert jnp.sum(jnp.asarray(Homography(TILT).adjustable().matrix)) == 8
+
+
+def test_names_are_unique(x64):
+    """Of a chain by where the map stands in it; of a lens that has a `gain`, beside light's, by whose it is."""
+    chain = jl.RadialPolynomial([0.1, 0.0]).then(jl.Division(0.05), jl.RadialPolynomial([-0.1]))
+    names = choose({"lens": chain}, {"lens": chain.adjustable()}).names
+    assert names == ("maps[0].kappa1", "maps[0].kappa2", "maps[1].k", "maps[2].kappa1")
+    inverse = jl.BrownConrady(np.zeros(4)).inverse()
+    assert choose(inverse, inverse.adjustable()).names == tuple(f"mapping.{name}" for name in ("k1", "k2", "p1", "p2"))
+    lens, light = Amplifier(0.1), {"gain": 1.0, "offset": 0.0}
+    model = {"lens": lens, "light": light}
+    assert choose(model, jax.tree.map(lambda _: True, model)).names == ("lens.gain", "gain", "offset")
+    assert choose({"lens": lens}, {"lens": lens.adjustable()}).names == ("gain",)
+
+
+def test_a_picture_through_a_lens_with_a_gain(x64):
+    noise = jax.random.uniform(jax.random.key(0), (8, 10))
+    picture = jax.image.resize(noise, (64, 80), "cubic")
+    fit = fit_images(Amplifier(0.0), picture, jl.distort_image(picture, Amplifier(0.1)))
+    np.testing.assert_allclose(fit.parameters["lens.gain"], 0.1, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(fit.parameters["gain"], 1, rtol=0, atol=1e-8)
+
+
+def test_only_floating_numbers_change_their_dtype(x64):
+    tree = {"weights": np.ones(2, np.float32), "count": np.arange(2), "flag": np.asarray(True), "number": 2}
+    cast = in_dtype(tree, jnp.float64)
+    assert [str(jnp.asarray(cast[name]).dtype) for name in tree] == ["float64", "int64", "bool", "int64"]

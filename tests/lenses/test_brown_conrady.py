@@ -211,7 +211,7 @@ def test_its_frame_is_asked_for():
     """Eq. 10's would be wrong in silence."""
     lens, image = jl.BrownConrady([-0.28, 0.03, 0.001, 0.0, 0.16]), jnp.zeros((6, 8))
     for attempt in (jl.distort_image, jl.undistort_image, jl.warp):
-        with pytest.raises(ValueError, match="coordinates of a camera.*frame=jl.Frame.from_camera_matrix"):
+        with pytest.raises(ValueError, match="give its frame"):
             attempt(image, lens)
     chain = jl.RadialPolynomial([0.1]).then(lens.inverse())
     with pytest.raises(ValueError, match="coordinates of a camera"):
