@@ -6,7 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from jaxlens.numerics import as_floating, as_points, is_concrete
+from jaxlens.numerics import as_floating, as_points, epsilon, is_concrete
+
+# Rounding of coordinates, as a share of what they extend over, that an estimate may suffer.
+_COARSEST = 1e-5
 
 
 def as_like(values: ArrayLike | Sequence, dtype: jnp.dtype) -> Array:
@@ -50,6 +53,23 @@ def as_weights(weights: ArrayLike | Sequence | None, shape: tuple[int, ...], dty
             where = tuple(np.argwhere(bad)[0].tolist())
             raise ValueError(f"weights must be positive and finite, got {values[where]} at {list(where)}")
     return array
+
+
+def check_digits(points: Float[Array, "points 2"], weights: Float[Array, " points"], name: str) -> None:
+    """Makes sure that the dtype can tell points apart, however far from the origin they lie.
+
+    Raises:
+        ValueError: rounding of their coordinates is more than a hundred thousandth of their extent.
+    """
+    used = np.asarray(points, np.float64)[np.asarray(weights) > 0]
+    extent, size = np.ptp(used, axis=0).max(), np.abs(used).max()
+    if epsilon(points.dtype) * size > _COARSEST * extent:
+        origin = used.mean(axis=0).round()
+        raise ValueError(
+            f"{name} points reach {size:.7g} and extend over {extent:.4g}: {points.dtype} keeps their places to "
+            f"{epsilon(points.dtype) * size / 2:.1g}, and a matrix in it no better. Subtract an origin first, such as "
+            f"{origin.tolist()}, or work in double precision (jax.enable_x64(True))"
+        )
 
 
 def as_correspondences(

@@ -11,7 +11,7 @@ import optimistix as optx
 from jax import lax
 from jaxtyping import Array, ArrayLike, Bool, Float, Int, Int8
 
-from jaxlens.deformations._arguments import as_correspondences
+from jaxlens.deformations._arguments import as_correspondences, check_digits
 from jaxlens.deformations._configurations import check_configuration
 from jaxlens.deformations._dlt import conditioned, direct_linear_transform, unconditioned
 from jaxlens.deformations._homography import Homography, denominators
@@ -102,7 +102,8 @@ def estimate_homography(
     Raises:
         ValueError: shapes that do not fit, points that are not finite, too few of them, or a degenerate configuration:
             points that coincide, or all or all but one of which lie on one line; correspondences that no homography
-            explains without sending some of the source points beyond infinity (corners in the wrong order).
+            explains without sending some of the source points beyond infinity (corners in the wrong order);
+            coordinates so large beside their extent that the dtype rounds them away (map coordinates in float32).
         RuntimeError: `throw`, and the iteration did not converge.
 
     Example:
@@ -118,6 +119,8 @@ def estimate_homography(
     source, target, weights = as_correspondences(source, target, weights)
     if is_concrete(source, target, weights):
         check_configuration(source, target, weights, kind)
+        check_digits(source, weights, "source")
+        check_digits(target, weights, "target")
     estimate = _estimate(source, target, weights, kind=kind)
     if not is_concrete(estimate):
         return estimate
