@@ -12,6 +12,7 @@ from tyro.conf import Positional, arg
 from jaxlens.cli.fits import (
     FitArguments,
     check_fit_arguments,
+    check_normalized,
     deliver,
     fitting,
     frame_and_unit,
@@ -57,6 +58,7 @@ def run(arguments: Arguments) -> int:
     check_file(arguments.file)
     size = None if arguments.image_size is None else parse_size(arguments.image_size, "--image-size")
     columns = load_columns(arguments.file, ("ideal_x", "ideal_y", "observed_x", "observed_y"), optional=("weight",))
+    check_normalized(size, columns, ("ideal_x", "ideal_y", "observed_x", "observed_y"))
     import numpy as np
 
     from jaxlens.fitting import fit_points

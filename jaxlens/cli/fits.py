@@ -33,6 +33,9 @@ _TERMS: dict[str, tuple[int, ...]] = {
 }
 """How many coefficients a model can have, the usual number first."""
 
+# Normalized coordinates are below this: half diagonals, or tangents of angles up to 87 degrees.
+_NORMALIZED = 20.0
+
 
 @dataclass(frozen=True, kw_only=True)
 class FitArguments:
@@ -102,6 +105,20 @@ def load_columns(path: Path, required: Sequence[str], *, optional: Sequence[str]
         return read_columns(path, required, optional=optional)
     except ColumnsError as error:
         raise UsageError(str(error)) from error
+
+
+def check_normalized(size: tuple[int, int] | None, columns: dict[str, list[float]], names: Sequence[str]) -> None:
+    """Refuses pixels where no picture's size says so.
+
+    Raises:
+        UsageError: without a size, a coordinate that no normalized one reaches.
+    """
+    largest = max((abs(value) for name in names for value in columns[name]), default=0.0)
+    if size is None and largest > _NORMALIZED:
+        raise UsageError(
+            f"coordinates up to {largest:.6g} look like pixels; pass --image-size WIDTHxHEIGHT, the size of the "
+            "pictures that they are from, or divide them by the focal length or half the diagonal"
+        )
 
 
 def frame_and_unit(size: tuple[int, int] | None) -> "tuple[Frame, str]":

@@ -214,12 +214,16 @@ def test_without_opencv(run, tmp_path, monkeypatch):
         (["points", "{points}", "--plots", "{points}"], "is a file; name a folder"),
         (["points", "{broken}"], "line 1: no column observed_y"),
         (["lines", "{points}"], "line 1: no column line, x, y"),
+        (["points", "{points}"], "look like pixels; pass --image-size WIDTHxHEIGHT"),
+        (["lines", "{lines}"], "coordinates up to 159 look like pixels; pass --image-size"),
     ],
 )
 def test_wrong_arguments(run, points, tmp_path, words, message):
     broken = tmp_path / "broken.csv"
     broken.write_text("ideal_x,ideal_y,observed_x\n1,2,3\n")
-    places = {"points": points, "folder": tmp_path, "broken": broken}
+    lines = tmp_path / "lines.csv"
+    lines.write_text("line,x,y\n0,1,2\n0,80,3\n0,159,2\n")
+    places = {"points": points, "folder": tmp_path, "broken": broken, "lines": lines}
     result = run("fit", *(word.format(**places) for word in words))
     assert result.code == 2
     assert message in result.err
