@@ -90,7 +90,8 @@ def parse_size(text: str, option: str) -> tuple[int, int]:
     parts = text.lower().replace("×", "x").split("x")
     if len(parts) == 2 and all(part.strip().isdecimal() and int(part) > 0 for part in parts):
         return int(parts[0]), int(parts[1])
-    raise UsageError(f"{option} is two counts with an x between, such as 640x480; got {text!r}")
+    example = "9x6" if option == "--board" else "640x480"
+    raise UsageError(f"{option} is two counts with an x between, such as {example}; got {text!r}")
 
 
 def load_columns(path: Path, required: Sequence[str], *, optional: Sequence[str] = ()) -> dict[str, list[float]]:

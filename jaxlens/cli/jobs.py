@@ -5,7 +5,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from jaxlens.cli.errors import UsageError
+from jaxlens.cli.messages import say
 from jaxlens.cli.options import check_path
+
+
+# Pictures of cameras and phones that are not read. Whoever finds them left out should know it.
+_HEIF = "HEIF is not read; convert it first, with pillow-heif for instance, to PNG or TIFF"
+_RAW = "raw pictures are not read; develop it first, with rawpy for instance, to TIFF"
+_REMEDIES = {
+    **dict.fromkeys((".heic", ".heif", ".hif"), _HEIF),
+    **dict.fromkeys((".avif", ".avifs"), "AVIF is not read; convert it first, with Pillow for instance, to PNG"),
+    ".jxl": "JPEG XL is not read; convert it first to PNG",
+    **dict.fromkeys((".arw", ".cr2", ".cr3", ".dng", ".nef", ".orf", ".raf", ".rw2"), _RAW),
+}
 
 
 @dataclass(frozen=True)
@@ -60,9 +72,21 @@ def _files_of(path: Path) -> list[Path]:
         files = list_images(path)
     except ImageError as error:
         raise UsageError(str(error)) from None
+    for name, remedy in sorted(_unread(path).items()):
+        say(f"skipping {str(path / name)!r}: {remedy}")
     if not files:
-        raise UsageError(f"there is no picture in the folder {str(path)!r}; folders in it are not searched")
+        raise UsageError(f"there is no picture that can be read in the folder {str(path)!r}; folders in it are not searched")
     return files
+
+
+def _unread(folder: Path) -> dict[str, str]:
+    """The pictures in a folder that are of no format that is read, and what to do about each."""
+    found = {}
+    for path in folder.iterdir():
+        remedy = _REMEDIES.get(path.suffix.lower())
+        if remedy and not path.name.startswith("."):
+            found[path.name] = remedy
+    return found
 
 
 def _checked_file(output: Path) -> Path:

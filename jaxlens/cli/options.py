@@ -82,8 +82,10 @@ def check_options(options: WarpArguments) -> None:
     """
     if not options.output:
         raise UsageError("--output is empty; a variable in your script may be unset")
-    if (options.kappa is None) == (options.lens is None):
-        raise UsageError("one lens is needed: pass --kappa K1 [K2 ...], or --lens FILE.json")
+    if options.kappa is not None and options.lens is not None:
+        raise UsageError(f"--kappa and --lens {str(options.lens)!r} are two lenses; leave one of them out")
+    if options.kappa is None and options.lens is None:
+        raise UsageError("a lens is needed: pass --kappa K1 [K2 ...], or --lens FILE.json")
     if options.lens is not None:
         if options.center is not None:
             raise UsageError("--center goes with --kappa; a calibration has a centre of its own: leave it out")

@@ -345,5 +345,5 @@ def _check_views(boards: Boards, choice: Choice, views: int) -> None:
         raise ValueError(
             f"{views} view of a plane cannot determine {', '.join(camera)}: each view adds two constraints; "
             "give at least "
-            f"{-(-len(camera) // 2)} views at different angles (ten are better), or fix some of them by `fixed`"
+            f"{-(-len(camera) // 2)} views at different angles (ten are better), or hold some of them fixed"
         )

@@ -77,9 +77,9 @@ def test_the_lens_is_for_distort_and_undistort(run, points, tmp_path, x64):
     result = run("undistort", wrong, "--lens", output, "--output", tmp_path / "b.png")
     assert (result.code, "another shape" in result.err) == (1, True)
     both = run("undistort", picture, "--lens", output, "--kappa", "0.1", "--output", tmp_path / "b.png")
-    assert (both.code, "one lens is needed" in both.err) == (2, True)
+    assert (both.code, "are two lenses; leave one of them out" in both.err) == (2, True)
     neither = run("undistort", picture, "--output", tmp_path / "b.png")
-    assert neither.code == 2
+    assert (neither.code, "a lens is needed: pass --kappa" in neither.err) == (2, True)
 
 
 def test_lines(run, tmp_path, frame, lens):
