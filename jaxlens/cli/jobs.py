@@ -75,7 +75,9 @@ def _files_of(path: Path) -> list[Path]:
     for name, remedy in sorted(_unread(path).items()):
         say(f"skipping {str(path / name)!r}: {remedy}")
     if not files:
-        raise UsageError(f"there is no picture that can be read in the folder {str(path)!r}; folders in it are not searched")
+        raise UsageError(
+            f"there is no picture that can be read in the folder {str(path)!r}; folders in it are not searched"
+        )
     return files
 
 

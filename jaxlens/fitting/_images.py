@@ -15,6 +15,7 @@ from jaxlens.fitting._problem import Minimum, Problem, assess, minimize, report
 from jaxlens.fitting._result import Fit, FitStatus, checked
 from jaxlens.fitting._robust import Loss, robustify
 from jaxlens.fitting._solver import Unknowns
+from jaxlens.fitting._starts import coefficient_places, grid
 from jaxlens.frames import Frame
 from jaxlens.lenses import Lens
 from jaxlens.maps import CoordinateMap
@@ -274,26 +275,10 @@ def _search(level: _Images, values: Array, options: dict) -> tuple[Array, Array]
 
 def _grid(level: _Images, values: Array) -> Array:
     """Starts in which the first two coefficients, or the only one, move the picture's corner by set amounts."""
-    names = level.selection.choice.names
-    light = ("gain", "offset")
-    places = [i for i, name in enumerate(names) if "center_" not in name and name not in light]
+    places = coefficient_places(level.selection.choice.names)[:2]
     corner = level.frame.normalize(jnp.zeros(2, values.dtype))
-    radius = jnp.sqrt(jnp.sum(corner**2))
-
-    def observed(values):
-        return level.selection.insert(values)["lens"].distort(corner)
-
-    derivative = jax.jacfwd(observed)(values)
-    outwards = derivative.T @ corner / radius
-    moves = jnp.asarray(_MOVES, values.dtype) * radius
-    steps = []
-    for place in places[:2]:
-        slope = outwards[place]
-        safe = jnp.abs(slope) > 1e-6
-        steps.append(jnp.where(safe, moves / jnp.where(safe, slope, 1), 0))
-    grid = jnp.stack(jnp.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, len(steps))
-    starts = jnp.broadcast_to(values, (grid.shape[0], values.shape[0]))
-    starts = starts.at[:, np.asarray(places[:2])].add(grid)
+    moves = np.stack(np.meshgrid(*[_MOVES] * len(places), indexing="ij"), axis=-1).reshape(-1, len(places))
+    starts = grid(lambda values: level.selection.insert(values)["lens"], values, places, corner, moves, observed=False)
     return jnp.concatenate([values[None], starts])
 
 

@@ -7,6 +7,7 @@ from typing import cast
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import Array, ArrayLike, Bool, Float, PyTree
 
 from jaxlens.fitting._arguments import (
@@ -19,19 +20,25 @@ from jaxlens.fitting._arguments import (
     is_concrete,
 )
 from jaxlens.fitting._parameters import Choice, Selection, choose, free_mask, in_dtype
-from jaxlens.fitting._problem import Problem, assess, minimize, report
+from jaxlens.fitting._problem import Minimum, Problem, assess, descend, differentiable, report
 from jaxlens.fitting._result import Fit, FitStatus, checked
-from jaxlens.fitting._robust import Loss
+from jaxlens.fitting._robust import Loss, noise_scale
 from jaxlens.fitting._solver import Unknowns, jacobian_rows
+from jaxlens.fitting._starts import coefficient_places, grid, search
 from jaxlens.frames import Frame
 from jaxlens.lenses import Lens
 from jaxlens.newton import solve_small, value_and_jacobian
-from jaxlens.numerics import as_floating, join, split
+from jaxlens.numerics import as_floating, epsilon, join, split
 
 # A line's own parameters, its angle and offset; with as many points it is straight whatever the lens.
 _LINE = 2
 # Straightness that changes by less than this share of how far the points move says nothing about the lens.
 _BLIND = 1e-7
+# How far, as shares of its ideal radius, the search's lenses move the outermost point; at −1/3 one term folds.
+_MOVES = (-0.325, -0.3, -0.24, -0.17, -0.1, -0.04, 0.0, 0.06, 0.15, 0.3, 0.5, 0.9)
+_PAIRS = [(first, second) for first in (-0.4, -0.2, -0.08, 0.1, 0.4) for second in (-0.2, -0.07, 0.07, 0.2, 0.5)]
+# Residuals this small against the picture are rounding; neighbours that agree by so many standard errors, no chance.
+_ROUNDING, _CHANCE = 0.6, 4.0
 
 
 class _Lines(Problem):
@@ -81,6 +88,7 @@ def fit_lines(
     weights: Float[ArrayLike, "lines points"] | None = None,
     free: PyTree | None = None,
     center: bool = False,
+    search: bool = True,
     bounds: Bounds | None = None,
     loss: Loss = "linear",
     loss_scale: Float[ArrayLike, ""] | None = None,
@@ -101,6 +109,8 @@ def fit_lines(
         weights: `(L, N)` inverse variances up to a common factor, for the array form.
         free: As in `fit_points`.
         center: Fit the lens's centre of distortion, too.
+        search: Look for the start by a grid over the first two coefficients, and take the others up one by one;
+            otherwise start at `lens`, with all of them.
         bounds: As in `fit_points`.
         loss: As in `fit_points`. A point that is far off tilts its whole line, whatever the loss: leave gross outliers
             out, for with them the standard errors are too small.
@@ -129,14 +139,15 @@ def fit_lines(
         weights,
         bound_vectors(bounds, choice.names),
         loss_scale,
+        searches=search and bool(coefficient_places(choice.names)),
         loss=loss,
         max_steps=max_steps,
     )
     return checked(fit, throw)
 
 
-@partial(jax.jit, static_argnames=("choice", "loss", "max_steps"))
-def _fit(choice: Choice, lens, frame, points, weights, bounds, loss_scale, *, loss, max_steps) -> Fit:
+@partial(jax.jit, static_argnames=("choice", "searches", "loss", "max_steps"))
+def _fit(choice: Choice, lens, frame, points, weights, bounds, loss_scale, *, searches, loss, max_steps) -> Fit:
     dtype = common_dtype(lens, points)
     frame = Frame(jnp.zeros(2), jnp.ones(2)) if frame is None else frame
     lens, frame, points, weights, bounds, loss_scale = in_dtype(
@@ -154,8 +165,11 @@ def _fit(choice: Choice, lens, frame, points, weights, bounds, loss_scale, *, lo
         line_weights=weights,
         weights=weights.reshape(1, -1),
     )
-    start = Unknowns.dense(problem.selection.values())
-    minimum = minimize(problem, start, loss=loss, loss_scale=loss_scale, bounds=bounds, max_steps=max_steps)
+    options = {"loss": loss, "loss_scale": loss_scale, "bounds": bounds, "max_steps": max_steps}
+    fixed = lax.stop_gradient(problem)
+    start = fixed.selection.values()
+    found = _search(fixed, start, options) if searches else descend(fixed, Unknowns.dense(start), **options)
+    minimum = differentiable(problem, found, loss)
     known = assess(problem, minimum, loss, _LINE * points.shape[0])
     lens = problem.selection.insert(minimum.unknowns.shared)
     blind = _blind(problem, minimum.unknowns)
@@ -170,7 +184,59 @@ def _fit(choice: Choice, lens, frame, points, weights, bounds, loss_scale, *, lo
         residuals=known.residuals.reshape(*weights.shape, 1),
         status=jnp.where(broken, FitStatus.NOT_FINITE, status),
         folds=jnp.any(~lens.invert(frame.normalize(points)).valid & used),
+        noise_correlation=_neighbours(problem, minimum.unknowns, known.residuals),
     )
+
+
+def _search(problem: _Lines, values: Array, options: dict) -> Minimum:
+    """The minimum from the best of many starts."""
+    places = coefficient_places(problem.selection.choice.names)
+    normalized = problem.frame.normalize(problem.points).reshape(-1, 2)
+    corner = normalized[jnp.argmax(jnp.sum(normalized**2, axis=-1))]
+    moves = np.asarray(_MOVES)[:, None]
+    alone = grid(problem.selection.insert, values, places[:1], corner, moves, observed=True)
+    alone = jnp.concatenate([values[None], alone])
+    every = alone
+    if len(places) > 1:
+        both = grid(problem.selection.insert, values, places[:2], corner, np.asarray(_PAIRS), observed=True)
+        every = jnp.concatenate([alone, both])
+
+    def cost(unknowns, loss_scale):
+        lens = problem.selection.insert(unknowns.shared)
+        valid = lens.invert(problem.frame.normalize(problem.points)).valid
+        rows = problem.weighted(unknowns)
+        if options["loss"] == "linear":
+            left = jnp.sum(rows**2)
+        else:  # Of several loss scales the sums of the losses cannot be compared; the medians can.
+            left = noise_scale(rows, problem.weights, options["loss"])
+        # A lens that folds within the data is worse than any that does not.
+        lost = jnp.any(~valid & (problem.line_weights > 0))
+        left = jnp.where(lost, left * 1e12, left)
+        return jnp.where(jnp.isfinite(left), left, jnp.inf)
+
+    return search(problem, alone, every, places, cost, options)
+
+
+def _neighbours(problem: _Lines, unknowns: Unknowns, residuals: Array) -> Float[Array, ""]:
+    """The correlation of residuals that are neighbours on a line, beyond that of independent noise; 0 if chance."""
+    weights, ideal = problem.line_weights, problem.ideal(unknowns)
+    used = weights > 0
+    values = jnp.where(used, residuals.reshape(weights.shape) * jnp.sqrt(weights), 0)
+    normal, middle = _line(ideal, weights)
+    x, y = split(ideal - middle[:, None])
+    along = jnp.where(used, normal[:, 1:] * x - normal[:, :1] * y, jnp.inf)
+    order = jnp.argsort(along, axis=1)
+    values, used = jnp.take_along_axis(values, order, axis=1), jnp.take_along_axis(used, order, axis=1)
+    both = used[:, 1:] & used[:, :-1]
+    variance = jnp.sum(values**2) / jnp.sum(used)
+    pairs = jnp.sum(both)
+    # The line through the points takes two of their degrees of freedom, and leaves neighbours a little opposed.
+    expected = -_LINE * used.shape[0] / jnp.sum(used)
+    product = jnp.sum(jnp.where(both, values[:, 1:] * values[:, :-1], 0)) / pairs
+    agreement = product / jnp.where(variance > 0, variance, 1) - expected
+    spread = jnp.max(jnp.where(used[..., None], jnp.abs(problem.points - problem.points[:1, :1]), 0))
+    rounding = jnp.sqrt(variance) <= spread * jnp.max(jnp.sqrt(weights)) * epsilon(values.dtype) ** _ROUNDING
+    return jnp.where((agreement * jnp.sqrt(pairs) > _CHANCE) & ~rounding, agreement, 0)
 
 
 def _blind(problem: _Lines, unknowns: Unknowns) -> Bool[Array, ""]:

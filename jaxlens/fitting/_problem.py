@@ -81,15 +81,32 @@ def minimize(
     The loss scale, unless given, follows from the median residual, in rounds. Differentiable in the problem, of every
     order, by the implicit function theorem at a fixed loss scale.
     """
+    found = descend(problem, start, loss=loss, loss_scale=loss_scale, bounds=bounds, max_steps=max_steps)
+    return differentiable(problem, found, loss)
+
+
+def descend(
+    problem: Problem,
+    start: Unknowns,
+    *,
+    loss: Loss,
+    loss_scale: Float[Array, ""] | None,
+    bounds: tuple[Float[Array, " shared"], Float[Array, " shared"]] | None,
+    max_steps: int,
+) -> Minimum:
+    """Is `minimize` without derivatives."""
     fixed, start = lax.stop_gradient((problem, start))
     if bounds is not None:
         start = Unknowns(jnp.clip(start.shared, *bounds), start.blocks)
     dtype = start.shared.dtype
     if loss == "linear" or loss_scale is not None:
         scale = jnp.asarray(jnp.inf if loss_scale is None or loss == "linear" else loss_scale, dtype)
-        found = _solve(fixed, start, loss, scale, bounds, max_steps)
-    else:
-        found = _solve_in_rounds(fixed, start, loss, bounds, max_steps)
+        return _solve(fixed, start, loss, scale, bounds, max_steps)
+    return _solve_in_rounds(fixed, start, loss, bounds, max_steps)
+
+
+def differentiable(problem: Problem, found: Minimum, loss: Loss) -> Minimum:
+    """Gives a minimum that was found its derivatives with respect to the problem."""
     unknowns = _implicit(loss, found.unknowns, problem, found.loss_scale)
     return Minimum(unknowns, found.loss_scale, found.status, found.steps)
 

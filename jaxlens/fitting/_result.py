@@ -16,6 +16,8 @@ from jaxlens.numerics import is_concrete
 # A coefficient whose variance the others inflate more than this is traded against them, not measured: its own columns
 # of the Jacobian agree with a combination of the others' to one part in a thousand.
 IDENTIFIED = 1e6
+# Neighbouring residuals that share this much of their variance are no noise.
+STRUCTURED = 0.3
 
 
 class FitStatus(enum.IntEnum):
@@ -66,6 +68,8 @@ class Fit(eqx.Module):
         status: A `FitStatus`.
         steps: Steps of the solver, over all rounds of a robust loss.
         folds: Whether the lens folds over within the data or the picture.
+        noise_correlation: Of `fit_lines`, the correlation of residuals that are neighbours on a line, beyond that of
+            independent noise; zero where that may well be chance.
     """
 
     lens: CoordinateMap
@@ -84,6 +88,7 @@ class Fit(eqx.Module):
     status: Int[Array, ""]
     steps: Int[Array, ""]
     folds: Bool[Array, ""]
+    noise_correlation: Float[Array, ""] | None = None
 
     @property
     def standard_errors(self) -> Float[Array, "*batch parameters"]:
@@ -141,6 +146,12 @@ class Fit(eqx.Module):
             )
         if bool(self.folds):
             found.append("the fitted lens folds over within the data or the picture: it is no model of a lens there")
+        if self.noise_correlation is not None and float(self.noise_correlation) > STRUCTURED:
+            found.append(
+                f"noise does not explain the residuals: neighbours on a line agree (correlation "
+                f"{float(self.noise_correlation):.2f}). The lens has too few coefficients, the lines are not straight, "
+                "or this is a wrong minimum; start nearer to the solution"
+            )
         return found
 
     def summary(self) -> str:

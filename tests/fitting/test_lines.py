@@ -11,7 +11,7 @@ import scipy.optimize
 import scipy.stats
 
 import jaxlens as jl
-from jaxlens.fitting import FitError, FitStatus, fit_lines
+from jaxlens.fitting import FitError, FitStatus, FitWarning, fit_lines
 
 HEIGHT, WIDTH = 600, 800
 NAMES = ("kappa1", "kappa2", "center_x", "center_y")
@@ -259,3 +259,44 @@ def test_lines_that_no_fit_could_use():
         fit(lines, loss="tukey")
     with pytest.raises(ValueError, match="bounds are given for 'k'"):
         fit(lines, bounds={"k": (0.0, 1.0)})
+
+
+HD = jl.Frame([960.0, 540.0], (1920**2 + 1080**2) ** 0.5 / 2)
+GRID = np.concatenate(
+    [
+        [np.stack([np.linspace(50, 1870, 25), np.full(25, y)], axis=-1) for y in range(100, 941, 120)],
+        [np.stack([np.full(25, x), np.linspace(50, 1030, 25)], axis=-1) for x in range(100, 1641, 220)],
+    ]
+)
+
+
+@pytest.mark.parametrize(
+    ("make", "truths", "frame"),
+    [
+        (jl.RadialPolynomial, [[-0.35], [-0.3], [-0.25], [0.1], [0.5]], HD),
+        (jl.RadialPolynomial, [[-0.35, 0.0], [-0.25, 0.05], [0.3, 0.1]], HD),
+        (jl.BrownConrady, [[-0.3, 0.05, 1e-3, -1e-3], [0.3, 0.1, 0.0, 1e-3]], jl.Frame([960.0, 540.0], 1300.0)),
+    ],
+)
+def test_strong_lenses_come_back_from_zero(x64, make, truths, frame):
+    """Where the nearest minimum, with an RMS of pixels, is a lens that folds within the lines."""
+    for truth in truths:
+        lens = make(truth)
+        fit = fit_lines(make(np.zeros(len(truth))), frame.denormalize(lens.distort(frame.normalize(GRID))), frame=frame)
+        np.testing.assert_allclose(fit.values, truth, rtol=0, atol=1e-9)
+        assert float(fit.rms) < 1e-9
+        assert not bool(fit.folds)
+
+
+def test_residuals_of_a_wrong_model_are_told(x64):
+    """One term where two bent the lines: neighbours err alike. Noise alone is not told so."""
+    lens = jl.RadialPolynomial([-0.3, 0.3])
+    lines = np.asarray(HD.denormalize(lens.distort(HD.normalize(GRID))))
+    noisy = lines + np.random.default_rng(0).normal(scale=0.3, size=lines.shape)
+    with pytest.warns(FitWarning, match="neighbour"):
+        short = fit_lines(jl.RadialPolynomial([0.0]), noisy, frame=HD)
+    assert float(short.noise_correlation) > 0.5
+    fit = fit_lines(jl.RadialPolynomial([0.0, 0.0]), noisy, frame=HD)
+    assert float(fit.noise_correlation) == 0
+    assert float(fit.rms) < float(short.rms)
+    assert bool(jnp.all(jnp.abs(fit.values - jnp.asarray([-0.3, 0.3])) < 4 * fit.standard_errors))
