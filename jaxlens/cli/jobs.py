@@ -8,7 +8,6 @@ from jaxlens.cli.errors import UsageError
 from jaxlens.cli.messages import say
 from jaxlens.cli.options import check_path
 
-
 # Pictures of cameras and phones that are not read. Whoever finds them left out should know it.
 _HEIF = "HEIF is not read; convert it first, with pillow-heif for instance, to PNG or TIFF"
 _RAW = "raw pictures are not read; develop it first, with rawpy for instance, to TIFF"
@@ -75,9 +74,7 @@ def _files_of(path: Path) -> list[Path]:
     for name, remedy in sorted(_unread(path).items()):
         say(f"skipping {str(path / name)!r}: {remedy}")
     if not files:
-        raise UsageError(
-            f"there is no picture that can be read in the folder {str(path)!r}; folders in it are not searched"
-        )
+        raise UsageError(f"there is no picture in the folder {str(path)!r}; folders in it are not searched")
     return files
 
 

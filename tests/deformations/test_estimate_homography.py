@@ -231,7 +231,7 @@ AERIAL = np.array([[0.0, 0.0], [22991.0, 0.0], [22991.0, 25094.0], [0.0, 25094.0
 def test_coordinates_of_a_map_need_double_precision(turned):
     """Five million metres north of the origin, single precision knows places to a quarter of a metre: 7 pixels here."""
     source, target = (AERIAL, EASTINGS) if turned else (EASTINGS, AERIAL)
-    with pytest.raises(ValueError, match="Subtract an origin first, such as .396432.0, 5782517.0.*double precision"):
+    with pytest.raises(ValueError, match="Subtract an origin first"):
         estimate_homography(source, target)
     near = EASTINGS - EASTINGS.mean(axis=0).round()
     source, target = (AERIAL, near) if turned else (near, AERIAL)
