@@ -14,7 +14,7 @@ _STRONG = 0.9
 
 def summarize(fit: Fit) -> str:
     """Returns estimates with standard errors and intervals, then what speaks for and against them."""
-    values, errors = np.asarray(fit.values), np.asarray(fit.standard_errors)
+    values, errors = (np.asarray(numbers, float) for numbers in (fit.values, fit.standard_errors))
     inflation = np.asarray(fit.inflation)
     rows = [("parameter", "estimate", "std. error", "95 % interval", "inflation")]
     for name, value, error, factor in zip(fit.names, values, errors, inflation, strict=True):
