@@ -74,11 +74,6 @@ def padded_depth(depth_map: DepthMap) -> Float[Array, "padded_height padded_widt
     return continued(jnp.pad(depth_map.depth, MARGIN), jnp.pad(depth_map.mask, MARGIN))
 
 
-def depth_at(depth_map: DepthMap, point: Float[Array, "2"]) -> Float[Array, ""]:
-    """Returns z at a point (x, y) in pixels, by cubic interpolation; exact on planes."""
-    return cubic_at(padded_depth(depth_map), point)
-
-
 def cubic_at(padded: Float[Array, "padded_height padded_width"], point: Float[Array, "2"]) -> Float[Array, ""]:
     """Interpolates at a point (x, y) of a picture that was padded by `MARGIN`; from outside, at its border."""
     last = jnp.array([padded.shape[1] - 2 * MARGIN - 1, padded.shape[0] - 2 * MARGIN - 1], point.dtype)

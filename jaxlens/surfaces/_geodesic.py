@@ -10,7 +10,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 
 from jaxlens.numerics import as_points, epsilon, is_concrete
 from jaxlens.surfaces._depth_map import DepthMap
-from jaxlens.surfaces._differences import depth_at
+from jaxlens.surfaces._differences import cubic_at, padded_depth
 from jaxlens.surfaces._nose_tip import nose_tip
 from jaxlens.surfaces._policies import FAR, Field, costs, improved, length, smallest_excess
 from jaxlens.surfaces._sweeps import solve, solve_transposed, weighted_sum
@@ -40,8 +40,9 @@ def geodesic_distance(
 
     Args:
         depth_map: The surface. Ways lead through its mask only, from pixel to pixel in eight directions.
-        source: (x, y) in pixels, also between pixels, or `(K, 2)` of them: the distance is that to the nearest. The
-            nose tip (`nose_tip`), unless given.
+        source: (x, y) in pixels, also between pixels, or `(K, 2)` of them: the distance is that to the nearest, in
+            the time of a few sources however many there are; where the regions of two sources meet, a pixel may
+            take the second nearest, and be off by some hundredths of a pixel. The nose tip (`nose_tip`), unless given.
 
     Returns:
         `(H, W)` distances in world units; NaN outside the mask, ∞ where no way leads to a source.
@@ -85,54 +86,73 @@ def check_inside(depth_map: DepthMap, points: Float[Array, "*points 2"], name: s
 
 
 @jax.jit
-def _distance(depth_map: DepthMap, sources: Float[Array, "*sources 2"]) -> Float[Array, "height width"]:
+def _distance(depth_map: DepthMap, points: Float[Array, "*sources 2"]) -> Float[Array, "height width"]:
     depth, mask, spacing = depth_map.depth, depth_map.mask, depth_map.spacing
-    sources = sources.astype(depth.dtype)
-
-    def one(source):
-        fixed = lax.stop_gradient(source)
-        columns = jnp.arange(depth.shape[1], dtype=depth.dtype)[None, :] - fixed[0]
-        rows = jnp.arange(depth.shape[0], dtype=depth.dtype)[:, None] - fixed[1]
-        free = mask & (_squares(columns, rows) >= _RADIUS**2)
-        place = jnp.stack([source[0] * spacing[0], source[1] * spacing[1], depth_at(depth_map, source)])
-        u = _excess(depth, spacing, place, mask, free)
-        chord = length(Field(depth, mask, spacing, place, free).offsets())
-        return jnp.where(u < FAR / 2, chord + u, FAR)
-
-    distances = one(sources) if sources.ndim == 1 else jnp.min(lax.map(one, sources), axis=0)
-    distances = jnp.where(distances < FAR / 2, distances, jnp.inf)
+    points = points.astype(depth.dtype).reshape(-1, 2)
+    padded = padded_depth(depth_map)
+    heights = jax.vmap(lambda point: cubic_at(padded, point))(points)
+    sources = jnp.concatenate([points * spacing[None], heights[:, None]], axis=1)
+    fixed = jax.tree.map(lax.stop_gradient, (depth_map, points, sources))
+    field = _solved(*fixed)
+    u = _excess(depth, spacing, sources, *field)
+    label = field[1].label
+    chord = length(Field(depth, mask, spacing, sources, label, mask).offsets())
+    distances = jnp.where(u < FAR / 2, chord + u, jnp.inf)
     return jnp.where(mask, distances, jnp.nan)
 
 
-def _squares(columns: Array, rows: Array) -> Array:
-    shape = (rows.shape[0], columns.shape[1])
-    return jnp.broadcast_to(columns * columns, shape) + jnp.broadcast_to(rows * rows, shape)
+def _solved(depth_map: DepthMap, points: Array, sources: Array) -> tuple[Array, Field]:
+    """Returns u, and the field with the pixels' sources and those that are still beside theirs."""
+    depth, mask, spacing = depth_map.depth, depth_map.mask, depth_map.spacing
+    label, beside = _beside(depth, spacing, points, sources)
+    field = Field(depth, mask, spacing, sources, label, mask & ~beside)
+    u, nearest = smallest_excess(field, _TOLERANCE[depth.dtype.itemsize] * jnp.min(spacing))
+    free = mask & ~(beside & (u == 0) & (nearest == label))
+    return u, Field(depth, mask, spacing, sources, nearest, free)
+
+
+def _beside(depth: Array, spacing: Array, points: Array, sources: Array) -> tuple[Array, Array]:
+    """Returns which source is nearest to the pixels within `_RADIUS` of one, and where these are."""
+    height, width = depth.shape
+    first = jnp.floor(points).astype(jnp.int32)
+    around = jnp.arange(-1, 3)
+    columns, rows = first[:, 0, None, None] + around[None, None, :], first[:, 1, None, None] + around[None, :, None]
+    columns, rows = jnp.broadcast_arrays(columns, rows)
+    x, y = (at.astype(depth.dtype) - point[:, None, None] for at, point in zip((columns, rows), points.T, strict=True))
+    near = (x * x + y * y < _RADIUS**2) & (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+    pixel = jnp.where(near, rows * width + columns, height * width)
+    z = depth.ravel().at[pixel].get(mode="fill", fill_value=0) - sources[:, 2, None, None]
+    chord = length((x * spacing[0], y * spacing[1], z))
+    least = jnp.full(height * width, jnp.inf, depth.dtype).at[pixel].min(chord, mode="drop")
+    number = jnp.arange(len(points))[:, None, None]
+    number = jnp.where(chord <= least.at[pixel].get(mode="fill", fill_value=0), number, len(points) - 1)
+    label = jnp.full(height * width, len(points) - 1).at[pixel].min(number, mode="drop")
+    return label.reshape(depth.shape), jnp.isfinite(least).reshape(depth.shape)
 
 
 @jax.custom_jvp
 def _excess(
     depth: Float[Array, "height width"],
     spacing: Float[Array, "2"],
-    place: Float[Array, "3"],
-    mask: Bool[Array, "height width"],
-    free: Bool[Array, "height width"],
+    sources: Float[Array, "sources 3"],
+    u: Float[Array, "height width"],
+    field: Field,
 ) -> Float[Array, "height width"]:
-    field = Field(depth, mask, spacing, place, free)
-    return smallest_excess(field, _TOLERANCE[depth.dtype.itemsize] * jnp.min(spacing))
+    """Returns u, with its derivatives by the first three, which `field` holds too."""
+    return u
 
 
 @_excess.defjvp
 def _excess_jvp(primals, tangents):
-    depth, spacing, place, mask, free = primals
-    u = _excess(*primals)
+    depth, spacing, sources, u, field = primals
     # Each value is a minimum over ways, so to first order the ways stay as they are: du = P du + dc.
-    policy = improved(u, Field(depth, mask, spacing, place, free))
+    policy = improved(u, field)
     direction, share = policy.directions()
 
-    def cost(depth, spacing, place):
-        return costs(policy, Field(depth, mask, spacing, place, free))
+    def cost(depth, spacing, sources):
+        return costs(policy, Field(depth, field.mask, spacing, sources, field.label, field.free))
 
-    change = jax.jvp(cost, (depth, spacing, place), tangents[:3])[1]
+    change = jax.jvp(cost, (depth, spacing, sources), tangents[:3])[1]
     tolerance = 8 * epsilon(u.dtype)
     tangent = lax.custom_linear_solve(
         lambda x: x - weighted_sum(x, direction, share),

@@ -28,29 +28,36 @@ Vector = tuple[ArrayLike, ArrayLike, ArrayLike]
 
 
 class Field(eqx.Module):
-    """A surface and a source.
+    """A surface and sources.
 
     Attributes:
         depth: z at each pixel.
         mask: Where there is surface.
         spacing: World units per column and row.
-        source: (x, y, z) of the source.
+        sources: (x, y, z) of each source.
+        label: Which source a pixel's way leads to.
         free: Where u is unknown: on the surface, and not beside the source, where it is zero.
     """
 
     depth: Float[Array, "height width"]
     mask: Bool[Array, "height width"]
     spacing: Float[Array, "2"]
-    source: Float[Array, "3"]
+    sources: Float[Array, "sources 3"]
+    label: Int[Array, "height width"]
     free: Bool[Array, "height width"]
 
-    def offsets(self) -> tuple[Array, Array, Array]:
+    def offsets(self) -> Vector:
         """Returns X − S as planes."""
         height, width = self.depth.shape
-        x = jnp.arange(width, dtype=self.depth.dtype) * self.spacing[0] - self.source[0]
-        y = jnp.arange(height, dtype=self.depth.dtype) * self.spacing[1] - self.source[1]
-        shape = self.depth.shape
-        return jnp.broadcast_to(x[None, :], shape), jnp.broadcast_to(y[:, None], shape), self.depth - self.source[2]
+        x = jnp.arange(width, dtype=self.depth.dtype)[None, :] * self.spacing[0]
+        y = jnp.arange(height, dtype=self.depth.dtype)[:, None] * self.spacing[1]
+        if len(self.sources) == 1:
+            source = self.sources[0]
+            shape = self.depth.shape
+            x, y = jnp.broadcast_to(x - source[0], shape), jnp.broadcast_to(y - source[1], shape)
+            return x, y, self.depth - source[2]
+        source = self.sources.T[:, self.label]
+        return x - source[0], y - source[1], self.depth - source[2]
 
 
 class Policy(eqx.Module):
@@ -102,7 +109,7 @@ def _cost(share: Array, offset: Vector, chord: Array, middle: Vector, edge: Vect
 class _Neighbours:
     """The neighbours of all pixels that stand at an offset, known only when it runs."""
 
-    def __init__(self, values: Array, fill: float):
+    def __init__(self, values: Array, fill: ArrayLike):
         self.padded, self.shape = jnp.pad(values, 1, constant_values=fill), values.shape
 
     def at(self, offset: Array) -> Array:
@@ -121,27 +128,35 @@ def _vectors(field: Field, heights: _Neighbours, middle: Array, beside: Array) -
     )
 
 
-def smallest_excess(field: Field, tolerance: Float[Array, ""]) -> Float[Array, "height width"]:
-    """Returns u, by sweeps in the four directions until none lowers a value by more than the tolerance.
+def smallest_excess(
+    field: Field, tolerance: Float[Array, ""]
+) -> tuple[Float[Array, "height width"], Int[Array, "height width"]]:
+    """Returns u, by sweeps in the four directions until none lowers a distance by more than the tolerance, and labels.
 
-    `FAR` where nothing leads to the source. Between the two triangles that a line of pixels offers, the slope at the
-    straight neighbour decides; the share is the one that is best for |Y − S| linear along the edge. (Newton's step on
-    top of it makes XLA's loop several times slower, for far less than the discretization's error.)
+    `field.label` says which source is nearest to the pixels beside one. `FAR` where nothing leads to a source. Between
+    the two triangles that a line of pixels offers, the slope at the straight neighbour decides; the share is the one
+    that is best for |Y − S| linear along the edge. (Newton's step on top of it makes XLA's loop several times slower,
+    for far less than the discretization's error.)
+
+    Several sources are solved for at once: a pixel's way leads to that of its three neighbours' sources which is the
+    nearest, if their excess were its own. A neighbour whose way leads elsewhere is no nearer to this source than it is
+    to its own; that bounds its excess, and the one that has the source says how large it is about here.
     """
     x, y, z = field.offsets()
     chord = length((x, y, z))
     inverse = _ratio(jnp.ones_like(chord), chord)
+    several = len(field.sources) > 1
     spacing = field.spacing
 
-    def sweep(u, direction):
+    def sweep(u, label, direction):
         dx, dy = spacing if direction < 2 else spacing[::-1]
         dy = -dy if direction % 2 else dy
-        along, across = (x, y) if direction < 2 else (y, x)
+        sources = field.sources[:, jnp.array((0, 1, 2) if direction < 2 else (1, 0, 2))]
 
-        def step(before, row):
-            u_before, z_before = before
-            u, free, x, y, z, chord, inverse = row
-            u_middle, z_middle = u_before[1:-1], z_before[1:-1]
+        def best(before, row):
+            """The smallest u for a source, with X − S, from the row before."""
+            (u_left, u_middle, u_right), (z_left, z_middle, z_right) = before
+            x, y, z, chord, inverse = row
             rise = z - z_middle
             near = dy * dy + rise * rise
 
@@ -151,41 +166,95 @@ def smallest_excess(field: Field, tolerance: Float[Array, ""]) -> Float[Array, "
                 return slope, slope - rise * edge * near_inverse, edge
 
             near_inverse = 1 / jnp.sqrt(near)
-            left, at_left, edge_left = slopes(u_before[:-2], z_before[:-2], 1)
-            right, at_right, edge_right = slopes(u_before[2:], z_before[2:], -1)
+            left, at_left, edge_left = slopes(u_left, z_left, 1)
+            right, at_right, edge_right = slopes(u_right, z_right, -1)
             go_left = at_left < at_right
             slope = jnp.where(go_left, left, right)
             edge = jnp.where(go_left, edge_left, edge_right)
-            u_beside = jnp.where(go_left, u_before[:-2], u_before[2:])
+            u_beside = jnp.where(go_left, u_left, u_right)
             side = jnp.where(go_left, dx, -dx)
             square, product = dx * dx + edge * edge, rise * edge
             rest = jnp.maximum(square - slope * slope, 1e-6 * square)
             aside = near * square - product * product
             share = jnp.clip((product - slope * jnp.sqrt(aside / rest)) / square, 0, 1)
             share = jnp.where(u_beside >= FAR / 2, 0, jnp.where(u_middle >= FAR / 2, 1, share))
-            value = (
+            return (
                 (1 - share) * u_middle
                 + share * u_beside
                 + _cost(share, (x, y, z), chord, (0, dy, rise), (-side, 0, edge))
             )
+
+        def step(before, row):
+            u_before, z_before = before
+            u, free, x, y, z, chord, inverse = row
+            value = best((_threes(u_before), _threes(z_before)), (x, y, z, chord, inverse))
             new = jnp.where(free, jnp.minimum(u, value), u)
             return (jnp.pad(new, 1, constant_values=FAR), jnp.pad(z, 1)), new
 
-        rows = tuple(turned(direction, plane) for plane in (u, field.free, along, across, z, chord, inverse))
-        width = rows[0].shape[1] + 2
-        start = jnp.full((width,), FAR, chord.dtype), jnp.zeros((width,), chord.dtype)
+        def step_several(before, row):
+            u_before, z_before, chord_before, label_before, y_before = before
+            u, label, mask, z, y = row
+            across = jnp.arange(-1, len(u) + 1, dtype=z.dtype) * dx
+            neighbours = list(zip(*(_threes(plane) for plane in (u_before, label_before)), strict=True))
+            nearest = None
+            for u_there, label_there in (neighbours[1], neighbours[0], neighbours[2]):
+                source = sources[label_there]
+                vector = across[1:-1] - source[:, 0], y - source[:, 1], z - source[:, 2]
+                chord = length(vector)
+                one = (u_there + chord, u_there, label_there, chord, *vector, *source.T)
+                nearest = one if nearest is None else _where(one[0] < nearest[0], one, nearest)
+            _, u_near, label_near, chord, *vector, sx, sy, sz = nearest
+            places = list(zip(*(_threes(p) for p in (across, z_before, chord_before)), strict=True))
+            relative = []
+            for (u_there, label_there), (x_there, z_there, chord_there) in zip(neighbours, places, strict=True):
+                to_source = length((x_there - sx, y_before - sy, z_there - sz))
+                bound = jnp.maximum(u_there + chord_there - to_source, u_near)
+                bound = jnp.where(u_there < FAR / 2, bound, FAR)
+                relative.append(jnp.where(label_there == label_near, u_there, bound))
+            value = best((relative, [z_there - sz for _, z_there, _ in places]), (*vector, chord, _ratio(jnp.ones_like(chord), chord)))
+            own = sources[label]
+            chord_own = length((across[1:-1] - own[:, 0], y - own[:, 1], z - own[:, 2]))
+            lower = jnp.where(label == label_near, value < u, value + chord < u + chord_own)
+            lower = lower & mask & (u_near < FAR / 2)
+            new = jnp.where(lower, value, u), jnp.where(lower, label_near, label)
+            padded = jnp.pad(jnp.where(lower, chord, chord_own), 1)
+            state = jnp.pad(new[0], 1, constant_values=FAR), jnp.pad(z, 1), padded, jnp.pad(new[1], 1), y
+            return state, new
+
+        zeros = jnp.zeros((u.shape[1 if direction < 2 else 0] + 2,), chord.dtype)
+        start = jnp.full_like(zeros, FAR), zeros
+        if several:
+            along = jnp.arange(u.shape[0 if direction < 2 else 1], dtype=z.dtype) * jnp.abs(dy)
+            rows = (*(turned(direction, plane) for plane in (u, label, field.mask, field.depth)), along)
+            start = (*start, zeros, jnp.zeros(zeros.shape, label.dtype), jnp.zeros((), z.dtype))
+            u, label = lax.scan(step_several, start, rows, reverse=direction % 2 == 1)[1]
+            return turned(direction, u), turned(direction, label)
+        planes = (u, field.free, *((x, y) if direction < 2 else (y, x)), z, chord, inverse)
+        rows = tuple(turned(direction, plane) for plane in planes)
         lowered: Array = lax.scan(step, start, rows, reverse=direction % 2 == 1)[1]
-        return turned(direction, lowered)
+        return turned(direction, lowered), label
+
+    def total(u, label):
+        return u + length(eqx.tree_at(lambda f: f.label, field, label).offsets()) if several else u
 
     def body(state):
-        count, u, _ = state
-        old = u
+        count, u, label, _ = state
+        old = total(u, label)
         for direction in DIRECTIONS:
-            u = sweep(u, direction)
-        return count + 1, u, jnp.any(u < old - tolerance)
+            u, label = sweep(u, label, direction)
+        return count + 1, u, label, jnp.any(total(u, label) < old - tolerance)
 
     start = jnp.where(field.mask & ~field.free, 0, FAR).astype(field.depth.dtype)
-    return lax.while_loop(unfinished(start), body, (0, start, jnp.array(True)))[1]
+    _, u, label, _ = lax.while_loop(unfinished(start), body, (0, start, field.label, jnp.array(True)))
+    return u, label
+
+
+def _threes(row: Array) -> tuple[Array, Array, Array]:
+    return row[:-2], row[1:-1], row[2:]
+
+
+def _where(condition: Array, yes: tuple, no: tuple) -> tuple:
+    return tuple(jnp.where(condition, a, b) for a, b in zip(yes, no, strict=True))
 
 
 def improved(u: Float[Array, "height width"], field: Field) -> Policy:
@@ -195,7 +264,7 @@ def improved(u: Float[Array, "height width"], field: Field) -> Policy:
     policy, are), the policy leads to the source from everywhere (Howard 1960).
     """
     heights = _Neighbours(field.depth, 0.0)
-    values = _Neighbours(jnp.where(field.mask, u, FAR), FAR)
+    values, labels = _Neighbours(jnp.where(field.mask, u, FAR), FAR), _Neighbours(field.label, -1)
     offset = field.offsets()
     chord = length(offset)
     inverse = _ratio(jnp.ones_like(u), chord)
@@ -204,7 +273,8 @@ def improved(u: Float[Array, "height width"], field: Field) -> Policy:
         best, which, best_share = state
         index, middle, beside = triangle
         to_middle, edge = _vectors(field, heights, middle, beside)
-        u_middle, u_beside = values.at(middle), values.at(beside)
+        # Another source's excess is no part of this one's way.
+        u_middle, u_beside = (jnp.where(labels.at(at) == field.label, values.at(at), FAR) for at in (middle, beside))
         # With |Y − S| taken as linear along the edge the best share is known in closed form.
         square, along = dot(edge, edge), dot(to_middle, edge)
         slope = u_beside - u_middle + dot(offset, edge) * inverse
@@ -231,8 +301,9 @@ def _refined(policy: Policy, u: Array, field: Field) -> Policy:
     (to_middle, edge), (middle, beside) = _chosen(policy, field)
     u_middle, u_beside = u.ravel()[middle], u.ravel()[beside]
     offset = field.offsets()
-    on_surface = field.mask.ravel()
+    on_surface, labels = field.mask.ravel(), field.label.ravel()
     both = on_surface[middle] & on_surface[beside] & (jnp.maximum(u_middle, u_beside) < FAR / 2)
+    both = both & (labels[middle] == field.label) & (labels[beside] == field.label)
     slope, square = jnp.where(both, u_beside - u_middle, 0), dot(edge, edge)
     share = policy.share
     for _ in range(_NEWTON_STEPS):

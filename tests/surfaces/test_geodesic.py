@@ -212,3 +212,29 @@ def test_a_depth_map_is_finite_and_knows_its_points(x64):
     depth_map = DepthMap(np.array([[1.0, np.nan], [2.0, 3.0]]), spacing=(0.5, 2.0))
     assert depth_map.mask.tolist() == [[True, False], [True, True]]
     assert depth_map.points().tolist() == [[[0, 0, 1], [0.5, 0, 0]], [[0, 2, 2], [0.5, 2, 3]]]
+
+
+def test_an_edge_of_sources(dtype):
+    """From all of a plane's first row the distance is the row's number."""
+    sources = np.stack([np.arange(64), np.zeros(64)], axis=-1).astype(dtype)
+    distance = geodesic_distance(DepthMap(jnp.zeros((48, 64), dtype)), sources)
+    rows = np.broadcast_to(np.arange(48)[:, None], (48, 64))
+    np.testing.assert_allclose(distance, rows, rtol=0, atol=64 * np.finfo(dtype).eps)
+
+
+def test_many_sources_are_as_one_by_one(x64):
+    """On a curved surface with a hole, sources between pixels: against the least of separate solutions."""
+    random = np.random.default_rng(0)
+    y, x = np.mgrid[:40, :50] / 10
+    depth = np.sin(x) * np.cos(y)
+    mask = (x - 2.5) ** 2 + (y - 2) ** 2 > 0.3
+    surface = DepthMap(jnp.asarray(depth), jnp.asarray(mask), spacing=jnp.asarray([0.1, 0.1]))
+    sources = random.uniform(0, [49, 39], (40, 2))
+    sources = sources[np.hypot(sources[:, 0] / 10 - 2.5, sources[:, 1] / 10 - 2) > 0.8][:12]
+    found = np.asarray(geodesic_distance(surface, sources))
+    alone = jax.jit(lambda source: geodesic_distance(surface, source))
+    expected = np.min([np.asarray(alone(jnp.asarray(source))) for source in sources], axis=0)
+    error = np.abs(found - expected)[mask]
+    assert error.max() < 0.005  # a twentieth of a pixel
+    assert np.mean(error > 1e-9) < 0.05
+    assert np.isnan(found[~mask]).all()
