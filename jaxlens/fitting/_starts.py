@@ -99,8 +99,8 @@ def search(
     def one(state: _State, task: tuple[Int[Array, ""], Bool[Array, ""], Bool[Array, " parameters"], Bool[Array, ""]]):
         candidate, ends, free, last = task
         values = jnp.where(candidate >= 0, candidates[candidate], state.current.unknowns.shared)
-        bounds = jnp.where(free, low, values), jnp.where(free, high, values)
-        found = descend(problem, Unknowns.dense(values), **(options | {"bounds": bounds}))
+        held: dict[str, Any] = {**options, "bounds": (jnp.where(free, low, values), jnp.where(free, high, values))}
+        found = descend(problem, Unknowns.dense(values), **held)
         steps = found.steps + state.current.steps
         now = cost(found.unknowns, found.loss_scale)
         better = ends & ~(now >= state.cost)
@@ -114,7 +114,7 @@ def search(
     return lax.scan(one, first, tasks)[0].current
 
 
-def _tasks(candidates: int, places: list[int], count: int) -> tuple[np.ndarray, ...]:
+def _tasks(candidates: int, places: list[int], count: int) -> tuple[Array, ...]:
     """The solver's tasks: which candidate it starts from, −1 for where it is; whether that ends one; what is free."""
     stages = [places[:end] for end in range(1, len(places) + 1)]
     tasks = []
@@ -128,7 +128,7 @@ def _tasks(candidates: int, places: list[int], count: int) -> tuple[np.ndarray, 
     for row, (_, _, stage, _) in zip(free, tasks, strict=True):
         row[stage] = True
     origin, ends, _, last = zip(*tasks, strict=True)
-    return np.array(origin), np.array(ends), free, np.array(last)
+    return jnp.asarray(origin), jnp.asarray(ends), jnp.asarray(free), jnp.asarray(last)
 
 
 def _where(condition: Array, yes: Minimum, no: Minimum) -> Minimum:

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from jaxlens.numerics import as_points, epsilon, is_concrete
 from jaxlens.surfaces._depth_map import DepthMap

@@ -46,7 +46,7 @@ class Field(eqx.Module):
     label: Int[Array, "height width"]
     free: Bool[Array, "height width"]
 
-    def offsets(self) -> Vector:
+    def offsets(self) -> tuple[Array, Array, Array]:
         """Returns X − S as planes."""
         height, width = self.depth.shape
         x = jnp.arange(width, dtype=self.depth.dtype)[None, :] * self.spacing[0]
@@ -211,7 +211,10 @@ def smallest_excess(
                 bound = jnp.maximum(u_there + chord_there - to_source, u_near)
                 bound = jnp.where(u_there < FAR / 2, bound, FAR)
                 relative.append(jnp.where(label_there == label_near, u_there, bound))
-            value = best((relative, [z_there - sz for _, z_there, _ in places]), (*vector, chord, _ratio(jnp.ones_like(chord), chord)))
+            value = best(
+                (relative, [z_there - sz for _, z_there, _ in places]),
+                (*vector, chord, _ratio(jnp.ones_like(chord), chord)),
+            )
             own = sources[label]
             chord_own = length((across[1:-1] - own[:, 0], y - own[:, 1], z - own[:, 2]))
             lower = jnp.where(label == label_near, value < u, value + chord < u + chord_own)
