@@ -114,7 +114,7 @@ def search(
     return lax.scan(one, first, tasks)[0].current
 
 
-def _tasks(candidates: int, places: list[int], count: int) -> tuple[Array, ...]:
+def _tasks(candidates: int, places: list[int], count: int) -> tuple[Array, Array, Array, Array]:
     """The solver's tasks: which candidate it starts from, −1 for where it is; whether that ends one; what is free."""
     stages = [places[:end] for end in range(1, len(places) + 1)]
     tasks = []
