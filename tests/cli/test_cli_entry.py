@@ -154,7 +154,8 @@ def test_a_traceback_on_demand(monkeypatch):
 def test_an_interruption_leaves_nothing(tmp_path, number, code):
     # The writer waits in the middle of its file, which is there under its temporary name.
     script = """
-import sys, time
+import signal, sys, time
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in the background of a script
 import jaxlens.cli.batch as batch
 from jaxlens.files import atomic_write
 def write_slowly(path, picture, **_):
@@ -172,13 +173,16 @@ sys.exit(main())
     process = subprocess.Popen(
         [sys.executable, "-c", script], cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True
     )
-    deadline = time.monotonic() + 60
-    while not list(tmp_path.glob("out/.*.ppm")):
-        assert process.poll() is None, process.stderr.read()
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-    process.send_signal(number)
-    _, err = process.communicate(timeout=60)
+    try:
+        deadline = time.monotonic() + 60
+        while not list(tmp_path.glob("out/.*.ppm")):
+            assert process.poll() is None, process.stderr.read()
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        process.send_signal(number)
+        _, err = process.communicate(timeout=10)
+    finally:
+        process.kill()
     assert process.returncode == code
     assert "Traceback" not in err
     assert [path.name for path in tmp_path.iterdir()] == ["in.ppm"]
