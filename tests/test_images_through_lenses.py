@@ -143,5 +143,5 @@ def test_chains_and_misuse(picture):
     image = np.float32(picture)
     np.testing.assert_allclose(jl.warp(image, there_and_back, border="edge"), image, atol=1e-4)
     assert jl.warp(image, lens, shape=(5, 6)).shape == (5, 6)
-    with pytest.raises(ValueError, match="coefficients must be a vector"):
+    with pytest.raises(ValueError, match="takes κ1, κ2, … as a vector"):
         jl.RadialPolynomial(np.ones((2, 2)))
