@@ -76,7 +76,10 @@ class Lens(CoordinateMap):
 
     def _solved(self, points: ArrayLike) -> tuple["Lens", Array, Array, Array]:
         """The lens and finite observed points in a common dtype, their ideal points without derivatives, the status."""
-        lens, (x, y) = _in_common_dtype(self, split(as_points(points)))
+        # At least in single precision: complex numbers, which the solver packs points into, have no half.
+        points = as_points(points)
+        points = points.astype(jnp.promote_types(points.dtype, jnp.float32))
+        lens, (x, y) = _in_common_dtype(self, split(points))
         finite = _squared_radius(x, y) < jnp.inf
         x, y = jnp.where(finite, x, 0), jnp.where(finite, y, 0)
         *root, status = solve(*lax.stop_gradient((lens, x, y)))

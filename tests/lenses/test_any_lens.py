@@ -131,6 +131,14 @@ def test_a_pole_ends_the_region(x64):
     np.testing.assert_allclose(inverse.points, ideal[:3], atol=1e-12)
 
 
+def test_half_precision_is_solved_in_single():
+    lens = jl.BrownConrady(np.asarray([-0.25, 0.0625, 0.0, 0.0], np.float16))
+    observed = lens.distort(np.asarray([[0.25, 0.5], [0.0, 0.0]], np.float16))
+    inverse = lens.invert(observed)
+    assert (inverse.points.dtype, inverse.valid.tolist()) == (jnp.float32, [True, True])
+    np.testing.assert_allclose(inverse.points, [[0.25, 0.5], [0.0, 0.0]], atol=1e-3)
+
+
 def test_derivatives(x64):
     """Of first and second order, by points and by parameters, against the radial lens's; finite in masked places."""
     kappa, observed = np.asarray([-0.25, 0.05]), disc(20, 0.6)
