@@ -1,7 +1,8 @@
 """Files written whole or not at all, and the checksum that names what is in them.
 
 A reader never sees a half-written file, an interrupted run leaves the old file as it was, and two runs
-that write the same name cannot silently replace each other's result.
+that write the same name cannot silently replace each other's result. A process that must end without unwinding
+undoes what it has begun first (`undo_unfinished`).
 """
 
 import contextlib
@@ -10,8 +11,49 @@ import hashlib
 import os
 import secrets
 import stat
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from threading import RLock
+
+# What a process that ends without unwinding must do first, and the lock that it holds from then on.
+_unfinished: list[Callable[[], None]] = []
+_lock = RLock()
+
+
+@contextlib.contextmanager
+def unless_finished(undo: Callable[[], None]) -> Iterator[None]:
+    """Have something undone unless the block ends well: where it raises, and where `undo_unfinished` is called.
+
+    Args:
+        undo: What to do. It may be called twice, and before anything was done; it raises nothing.
+    """
+    with _lock:
+        _unfinished.append(undo)
+    try:
+        yield
+    except BaseException:
+        undo()
+        raise
+    finally:
+        with _lock:
+            _unfinished.remove(undo)
+
+
+@contextlib.contextmanager
+def unbroken() -> Iterator[None]:
+    """Keep `undo_unfinished` waiting: for the few steps that put what is complete in its place."""
+    with _lock:
+        yield
+
+
+def undo_unfinished() -> None:
+    """Undo what other threads have begun and not finished, so that the process can end at once.
+
+    Nothing can be begun after this: whoever tries waits for ever. Only for a process about to end by `os._exit`.
+    """
+    _lock.acquire()
+    for undo in reversed(_unfinished):
+        undo()
 
 
 @contextlib.contextmanager
@@ -52,18 +94,16 @@ def atomic_write(path: str | os.PathLike[str], *, overwrite: bool = False) -> It
     target = Path(os.path.realpath(path))
     _check_target(target, overwrite)
     temporary = target.with_name(f".{secrets.token_hex(8)}{target.suffix}")
-    _create_empty(temporary)
-    try:
+    with unless_finished(lambda: _remove(temporary)):
+        _create_empty(temporary)
         if overwrite:
             _copy_permissions(target, temporary)
         yield temporary
-        if overwrite:
-            os.replace(temporary, target)
-        else:
-            _rename_new(temporary, target)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
+        with unbroken():
+            if overwrite:
+                os.replace(temporary, target)
+            else:
+                _rename_new(temporary, target)
 
 
 def write_text(path: str | os.PathLike[str], text: str, *, overwrite: bool = False) -> None:
@@ -113,6 +153,11 @@ def _check_target(target: Path, overwrite: bool) -> None:
 
 def _exists(target: Path) -> FileExistsError:
     return FileExistsError(f"{str(target)!r} exists; pass overwrite=True to replace it, or choose another name")
+
+
+def _remove(path: Path) -> None:
+    with contextlib.suppress(OSError):
+        path.unlink()
 
 
 def _create_empty(path: Path) -> None:

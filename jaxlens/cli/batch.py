@@ -14,6 +14,7 @@ from jaxlens.cli.jobs import Job
 from jaxlens.cli.messages import say
 from jaxlens.cli.options import WarpArguments
 from jaxlens.cli.pictures import describe, read_picture, write_picture
+from jaxlens.files import unless_finished
 from jaxlens.images import Picture
 
 Direction = Literal["distort", "undistort"]
@@ -158,13 +159,17 @@ def _make_folder(folder: Path) -> None:
 @contextlib.contextmanager
 def _folder(folder: Path | None) -> Iterator[None]:
     """Leaves no empty folder behind that was not there before."""
-    new = folder is not None and not folder.exists()
-    try:
+    if folder is None or folder.exists():
         yield
-    finally:
-        if new and folder is not None:
-            with contextlib.suppress(OSError):
-                folder.rmdir()
+        return
+
+    def remove() -> None:
+        with contextlib.suppress(OSError):
+            folder.rmdir()
+
+    with unless_finished(remove):
+        yield
+    remove()
 
 
 @contextlib.contextmanager

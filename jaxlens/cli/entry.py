@@ -11,7 +11,6 @@
 
 import contextlib
 import os
-import signal
 import sys
 import warnings
 from collections.abc import Callable, Sequence
@@ -20,6 +19,7 @@ from typing import Any, NoReturn
 
 from jaxlens.cli.errors import CommandError, describe_unexpected, wants_traceback
 from jaxlens.cli.messages import say
+from jaxlens.cli.signals import leave, obey_signals
 
 COMMANDS = (
     "sweep",
@@ -70,8 +70,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit code, see above. Messages go to stderr, results to stdout; no exception leaves.
     """
+    own = arguments is None
     try:
-        own = arguments is None
         if own:
             _own_process()
         code = _dispatch(sys.argv[1:] if arguments is None else list(arguments), own)
@@ -81,7 +81,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return code
     except KeyboardInterrupt:
         say("interrupted")
+        if own:
+            leave(_INTERRUPTED)
         return _INTERRUPTED
+    except SystemExit as end:
+        # By a signal: others do not come here.
+        if not own:
+            raise
+        leave(end.code if isinstance(end.code, int) else 1)
     except BrokenPipeError:
         _abandon_stdout()
         return _BROKEN_PIPE
@@ -164,11 +171,7 @@ def _own_process() -> None:
     if sys.stdout is not None:
         # Help and tables hold Greek letters, and terminals there are that do not.
         sys.stdout.reconfigure(errors="replace")  # pyright: ignore[reportAttributeAccessIssue]
-    for name in ("SIGTERM", "SIGHUP"):
-        number = getattr(signal, name, None)
-        # A signal that is ignored (nohup) stays so.
-        if number is not None and signal.getsignal(number) == signal.SIG_DFL:
-            signal.signal(number, _end)
+    obey_signals()
 
 
 def _silence_libraries() -> None:
@@ -176,11 +179,6 @@ def _silence_libraries() -> None:
     import logging
 
     logging.getLogger().addHandler(logging.NullHandler())
-
-
-def _end(number: int, _frame: object) -> NoReturn:
-    # An exception unwinds, so that temporary files are removed.
-    raise SystemExit(128 + number)
 
 
 def _abandon_stdout() -> None:

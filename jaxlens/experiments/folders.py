@@ -5,10 +5,12 @@ import json
 import os
 import secrets
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from jaxlens.experiments.abandoned import held_folder, remove_abandoned
 from jaxlens.experiments.errors import ExperimentError
+from jaxlens.files import unbroken, unless_finished
 
 MANIFEST = "manifest.json"
 MARKER = "jaxlens experiment"
@@ -20,7 +22,7 @@ def result_folder(target: Path, experiment: str) -> Iterator[Path]:
     """Gives a temporary folder beside `target` that takes its place when the block ends well.
 
     When the block raises, even KeyboardInterrupt, what was there before stays as it was and the temporary folder
-    is removed.
+    is removed. One that a killed process has left beside `target` is removed first.
 
     Args:
         target: Where the results go. Its parents are made.
@@ -34,24 +36,25 @@ def result_folder(target: Path, experiment: str) -> Iterator[Path]:
     """
     target = Path(os.path.realpath(target))
     check_target(target, experiment)
-    made = _make_parents(target)
+    missing = [parent for parent in target.parents if not parent.exists()]
+    remove_abandoned(target)
     temporary = target.with_name(f".{target.name}.{secrets.token_hex(4)}")
-    try:
+    with unless_finished(lambda: _undo(temporary, target, missing)):
         try:
-            temporary.mkdir()
-            yield temporary
-            # Looked at again: the work may have taken hours.
-            check_target(target, experiment)
-            _swap(temporary, target)
+            target.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ExperimentError(f"cannot make the folder {str(target.parent)!r}: {error.strerror}") from error
+        try:
+            with held_folder(temporary):
+                yield temporary
+                # Looked at again: the work may have taken hours.
+                check_target(target, experiment)
+                with unbroken():
+                    _swap(temporary, target)
+                shutil.rmtree(_set_aside(temporary), ignore_errors=True)
         except OSError as error:
             place = error.filename or str(target)
             raise ExperimentError(f"cannot write the results to {place!r}: {error.strerror or error}") from error
-    except BaseException:
-        shutil.rmtree(temporary, ignore_errors=True)
-        for parent in made:
-            with contextlib.suppress(OSError):
-                parent.rmdir()
-        raise
 
 
 def check_target(target: Path, experiment: str) -> None:
@@ -93,29 +96,29 @@ def read_manifest(folder: Path) -> dict[str, object] | None:
     return manifest if isinstance(manifest, dict) and manifest.get("tool") == MARKER else None
 
 
-def _make_parents(target: Path) -> list[Path]:
-    """Makes the target's parents; returns those that were not there, the deepest first."""
-    missing = [parent for parent in target.parents if not parent.exists()]
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ExperimentError(f"cannot make the folder {str(target.parent)!r}: {error.strerror}") from error
-    return missing
+def _set_aside(temporary: Path) -> Path:
+    """Where the earlier results wait while the new ones take their place."""
+    return temporary.with_name(f"{temporary.name}.old")
 
 
 def _swap(new: Path, target: Path) -> None:
-    """Puts a folder in the place of another; if that fails midway the old one comes back."""
-    if not target.exists():
-        new.rename(target)
-        return
-    old = new.with_name(f"{new.name}.old")
-    target.rename(old)
-    try:
-        new.rename(target)
-    except BaseException:
-        old.rename(target)
-        raise
-    shutil.rmtree(old, ignore_errors=True)
+    """Puts a folder in the place of another."""
+    if target.exists():
+        target.rename(_set_aside(new))
+    new.rename(target)
+
+
+def _undo(temporary: Path, target: Path, parents: Sequence[Path]) -> None:
+    """Brings the earlier results back; removes the new ones, and parents, the deepest first, as far as empty."""
+    old = _set_aside(temporary)
+    if old.exists() and not target.exists():
+        with contextlib.suppress(OSError):
+            old.rename(target)
+    for folder in (temporary, old):
+        shutil.rmtree(folder, ignore_errors=True)
+    for parent in parents:
+        with contextlib.suppress(OSError):
+            parent.rmdir()
 
 
 def _some(names: set[str]) -> str:

@@ -149,29 +149,42 @@ def test_a_traceback_on_demand(monkeypatch):
         main(["distort"])
 
 
-@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_an_interruption_leaves_nothing(tmp_path, number, code):
-    # The writer waits in the middle of its file, which is there under its temporary name.
-    script = """
+WAIT = {
+    "in Python": "time.sleep(60)",
+    # A loop that never ends, in one call into XLA: Python does not get to raise for a signal.
+    "in XLA": "jax.block_until_ready(jax.jit(lambda: jax.lax.while_loop(lambda x: x < 2, lambda x: x + 1e-9, 1.0))())",
+}
+INTERRUPTED = """
 import signal, sys, time
 signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in the background of a script
+import jax
 import jaxlens.cli.batch as batch
 from jaxlens.files import atomic_write
 def write_slowly(path, picture, **_):
     with atomic_write(path) as temporary:
         temporary.write_bytes(b"half")
-        time.sleep(60)
+        {wait}
 batch.write_picture = write_slowly
 batch._warp_picture = lambda picture, *_: picture
 sys.argv = ["jaxlens", "distort", "in.ppm", "--kappa", "0.1", "--output", "out/"]
 from jaxlens.cli import main
 sys.exit(main())
 """
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize("wait", WAIT)
+def test_an_interruption_leaves_nothing(tmp_path, number, code, wait):
+    # The writer waits in the middle of its file, which is there under its temporary name.
     (tmp_path / "in.ppm").write_bytes(b"P6 1 1 255\nabc")
     environment = {"PYTHONPATH": str(ROOT), "PYTHONUTF8": "1"}
     process = subprocess.Popen(
-        [sys.executable, "-c", script], cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True
+        [sys.executable, "-c", INTERRUPTED.format(wait=WAIT[wait])],
+        cwd=tmp_path,
+        env=environment,
+        stderr=subprocess.PIPE,
+        text=True,
     )
     try:
         deadline = time.monotonic() + 60
@@ -179,12 +192,14 @@ sys.exit(main())
             assert process.poll() is None, process.stderr.read()
             assert time.monotonic() < deadline
             time.sleep(0.02)
+        time.sleep(1 if wait == "in XLA" else 0)
         process.send_signal(number)
         _, err = process.communicate(timeout=10)
     finally:
         process.kill()
     assert process.returncode == code
     assert "Traceback" not in err
+    assert ("interrupted" in err) == (number == signal.SIGINT)
     assert [path.name for path in tmp_path.iterdir()] == ["in.ppm"]
 
 

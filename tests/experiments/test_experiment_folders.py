@@ -1,9 +1,12 @@
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
-from jaxlens.experiments import ExperimentError
+from jaxlens.experiments import ExperimentError, abandoned
 from jaxlens.experiments.folders import MANIFEST, MARKER, result_folder
 
 
@@ -46,6 +49,47 @@ def test_a_failed_first_run_leaves_no_parents(tmp_path: Path):
     with pytest.raises(ValueError, match="no"), result_folder(tmp_path / "a" / "b" / "tiny", "tiny"):
         raise ValueError("no")
     assert list(tmp_path.iterdir()) == []
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from jaxlens.experiments.folders import result_folder
+with result_folder(Path(sys.argv[1]), "tiny") as temporary:
+    (temporary / "table.csv").write_text("half")
+    print(temporary.name, flush=True)
+    sys.stdin.read()
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="locks of POSIX")
+def test_what_a_killed_run_left_is_removed_by_the_next(tmp_path: Path):
+    target = tmp_path / "tiny"
+    write(target, text="old")
+    pipe = subprocess.PIPE
+    other = subprocess.Popen([sys.executable, "-c", KILLED, str(target)], stdin=pipe, stdout=pipe, text=True)
+    with other:
+        assert other.stdout is not None
+        left = tmp_path / other.stdout.readline().strip()
+        mine = [".tiny.notes", ".tiny.0123456", ".tinier.01234567"]
+        for name in mine:
+            (tmp_path / name).mkdir()
+        (tmp_path / f"{left.name}.old").mkdir()
+        # Somebody is still at work there.
+        write(target, text="new")
+        assert (left / "table.csv").read_text() == "half"
+        other.kill()
+    assert left.is_dir()
+    write(target, text="newer")
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(["tiny", *mine])
+    assert (target / "table.csv").read_text() == "newer"
+
+
+def test_nothing_is_taken_for_abandoned_where_folders_cannot_be_locked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(abandoned, "fcntl", None)
+    (tmp_path / ".tiny.01234567").mkdir()
+    write(tmp_path / "tiny")
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".tiny.01234567", "tiny"]
 
 
 def refused(target: Path, *said: str) -> None:
