@@ -182,18 +182,17 @@ def deliver(
 
 
 def _write_figures(arguments: FitArguments, figures: "dict[str, Figure]") -> None:
-    from jaxlens.experiments.figures.style import save, style
+    from jaxlens.cli.figures import save_figure
 
     folder = arguments.plots
     assert folder is not None
+    taken = [name for name in figures if (folder / f"{name}.png").exists()]
+    if taken and not arguments.overwrite:
+        raise CommandError(f"{str(folder / (taken[0] + '.png'))!r} exists; pass --overwrite to replace it")
     try:
         folder.mkdir(exist_ok=True)
-        taken = [name for name in figures if (folder / f"{name}.png").exists()]
-        if taken and not arguments.overwrite:
-            raise CommandError(f"{str(folder / (taken[0] + '.png'))!r} exists; pass --overwrite to replace it")
-        with style():
-            for name, figure in figures.items():
-                save(figure, folder, name)
     except OSError as error:
-        raise CommandError(f"cannot write into {str(folder)!r}: {error.strerror}") from error
+        raise CommandError(f"cannot make the folder {str(folder)!r}: {error.strerror}") from error
+    for name, figure in figures.items():
+        save_figure(folder / f"{name}.png", figure, overwrite=arguments.overwrite)
     say(f"drew {', '.join(f'{name}.png' for name in figures)} in {str(folder)!r}")

@@ -12,7 +12,7 @@ from tyro.conf import Positional, arg
 from jaxlens.cli.errors import CommandError, UsageError
 from jaxlens.cli.messages import say
 from jaxlens.cli.options import check_file, check_max_pixels
-from jaxlens.cli.surfaces import View, check_view, load_surface, save_figure
+from jaxlens.cli.surfaces import View, check_view, load_coarse_surface
 from jaxlens.cli.values import Numbers, numbers
 
 HELP = """Measure distances along a surface, from the tip of the nose or another point.
@@ -24,7 +24,9 @@ What it does:
   distance along the surface (geodesic.tif), the length of the curve above
   each straight ray (radial.tif; Eqs. 1 and 2), curves of equal distance
   (curves.csv, pixels) and a drawing (distances.png). Lengths are in the mesh's
-  units, or in pixels; NaN is no surface, infinity is out of reach.
+  units, or in pixels; NaN is no surface, infinity is out of reach. A surface
+  of more than --max-points is taken coarser: it has fewer pixels in the TIFF
+  files, while lengths and curves stay in those of the picture.
 
 Examples:
   jaxlens geodesic head.obj --output distances/
@@ -54,6 +56,9 @@ class Arguments(View):
     step: Annotated[Optional[float], arg(metavar="LENGTH", help_behavior_hint="(default: about twelve curves)")] = None
     """From one curve of equal distance to the next."""
 
+    max_points: Annotated[Optional[int], arg(metavar="N", help_behavior_hint="(default: 1 million)")] = None
+    """Take a surface with more points coarser, so that it has at most as many; the time grows faster than they do."""
+
     overwrite: Annotated[bool, arg(help_behavior_hint="")] = False
     """Replace files that exist."""
 
@@ -61,6 +66,8 @@ class Arguments(View):
     """Refuse pictures with more pixels, before they are decoded."""
 
 
+# Points that take a minute or two where the surface is as rough as noise, and much less where it is smooth.
+_MAX_POINTS = 1_000_000
 _FILES = ("geodesic.tif", "radial.tif", "curves.csv", "distances.png")
 
 
@@ -73,6 +80,8 @@ def run(arguments: Arguments) -> int:
         value = getattr(arguments, name)
         if value is not None and not 0 < value < 1e9:
             raise UsageError(f"--{name} is a length above 0, got {value:g}")
+    if arguments.max_points is not None and arguments.max_points < 16:
+        raise UsageError(f"--max-points is at least 16, got {arguments.max_points}")
     _check_folder(arguments.output, arguments.overwrite)
     import jax
 
@@ -94,8 +103,10 @@ def _check_folder(folder: Path, overwrite: bool) -> None:
 def _measure(arguments: Arguments) -> None:
     import numpy as np
 
+    from jaxlens.cli.figures import save_figure
     from jaxlens.cli.meshes import is_mesh
     from jaxlens.cli.pictures import write_picture
+    from jaxlens.cli.progress import progress_of
     from jaxlens.experiments.figures.geodesics import distance_maps
     from jaxlens.experiments.figures.style import style
     from jaxlens.experiments.geodesic_distances import measure_distances
@@ -103,12 +114,26 @@ def _measure(arguments: Arguments) -> None:
     from jaxlens.images import Picture
     from jaxlens.surfaces import iso_distance_curves
 
-    surface = load_surface(arguments.file, arguments, arguments.max_pixels, relief=arguments.relief)
-    source = None if arguments.source is None else np.asarray(arguments.source)
+    most = _MAX_POINTS if arguments.max_points is None else arguments.max_points
+    loaded = load_coarse_surface(
+        arguments.file, arguments, arguments.max_pixels, relief=arguments.relief, max_points=most
+    )
+    surface, factors = loaded.depth_map, np.asarray(loaded.factors)
+    height, width = surface.shape
+    coarse = (width, height) != loaded.size
+    if coarse:
+        say(
+            f"{str(arguments.file)!r} has {loaded.size[0]} × {loaded.size[1]} points, more than --max-points {most}: "
+            f"its surface is taken at {width} × {height}"
+        )
+    # The first pixel's centre is half a pixel from the edge that both grids share.
+    source = None if arguments.source is None else (np.asarray(arguments.source) + 0.5) / factors - 0.5
     try:
-        found = measure_distances(surface, source=source)
+        with progress_of("distances along the surface") as progress:
+            found = measure_distances(surface, source=source, progress=progress)
     except ValueError as error:
-        raise CommandError(f"{str(arguments.file)!r}: {error}") from error
+        where = f" (at {width} × {height})" if coarse else ""
+        raise CommandError(f"{str(arguments.file)!r}{where}: {error}") from error
     reached = found.geodesic[np.isfinite(found.geodesic)]
     farthest = float(reached.max())
     if farthest == 0:
@@ -118,7 +143,8 @@ def _measure(arguments: Arguments) -> None:
     levels = step * np.arange(1, int(farthest / step) + 1)
     lines = ["distance,curve,x,y"]
     for level, curves in zip(levels, iso_distance_curves(found.geodesic, levels), strict=True):
-        lines += [f"{level:.9g},{i},{x:.3f},{y:.3f}" for i, curve in enumerate(curves) for x, y in curve]
+        scaled = [(curve + 0.5) * factors - 0.5 for curve in curves]
+        lines += [f"{level:.9g},{i},{x:.3f},{y:.3f}" for i, curve in enumerate(scaled) for x, y in curve]
     with style():
         figure = distance_maps(found, step, unit, origin="the nose tip" if source is None else "the source")
     folder = arguments.output
@@ -132,7 +158,8 @@ def _measure(arguments: Arguments) -> None:
     except OSError as error:
         raise CommandError(f"cannot write into {str(folder)!r}: {error.strerror or error}") from error
     lost = int(np.isinf(found.geodesic).sum())
-    print(f"source            pixel ({found.source[0]:.2f}, {found.source[1]:.2f})")  # noqa: T201
+    x, y = (found.source + 0.5) * factors - 0.5
+    print(f"source            pixel ({x:.2f}, {y:.2f})")  # noqa: T201
     print(f"farthest point    {farthest:.6g} {unit} along the surface")  # noqa: T201
     print(f"pixel spacing     {float(surface.spacing[0]):.6g} {unit}")  # noqa: T201
     if lost:

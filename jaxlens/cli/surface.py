@@ -101,8 +101,9 @@ def _check_output(path: Path, suffixes: tuple[str, ...], overwrite: bool) -> Non
 def _draw_landscape(arguments: Arguments) -> None:
     import numpy as np
 
+    from jaxlens.cli.figures import save_figure
     from jaxlens.cli.pictures import read_picture
-    from jaxlens.cli.surfaces import gray_values, save_figure
+    from jaxlens.cli.surfaces import gray_values
     from jaxlens.experiments.figures.surfaces import surface_figure
 
     gray, white = gray_values(read_picture(arguments.file, arguments.max_pixels))

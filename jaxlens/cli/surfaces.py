@@ -1,4 +1,4 @@
-"""What the commands about surfaces share: meshes and pictures as depth maps, and figures as files."""
+"""What the commands about surfaces share: meshes and pictures as depth maps."""
 
 # Optional[X] for the same reason as in `jaxlens.cli.options`.
 # ruff: noqa: UP045
@@ -15,7 +15,6 @@ from jaxlens.cli.meshes import is_mesh, load_mesh
 
 if TYPE_CHECKING:
     import numpy as np
-    from matplotlib.figure import Figure
 
     from jaxlens.images import Picture
     from jaxlens.surfaces import DepthMap
@@ -65,6 +64,43 @@ def load_surface(path: Path, view: View, max_pixels: int | None, *, relief: floa
     Raises:
         CommandError: it cannot be read, or it shows no surface.
     """
+    return load_coarse_surface(path, view, max_pixels, relief=relief, max_points=None).depth_map
+
+
+@dataclass(frozen=True)
+class CoarseSurface:
+    """A surface, perhaps with fewer points than its picture has pixels.
+
+    Attributes:
+        depth_map: The surface, in units of the mesh, or of the picture's pixels.
+        size: Width and height of the picture, in pixels.
+    """
+
+    depth_map: "DepthMap"
+    size: tuple[int, int]
+
+    @property
+    def factors(self) -> tuple[float, float]:
+        """How many of the picture's pixels one of the surface's is, across and down."""
+        height, width = self.depth_map.shape
+        return self.size[0] / width, self.size[1] / height
+
+
+def load_coarse_surface(
+    path: Path, view: View, max_pixels: int | None, *, relief: float | None, max_points: int | None
+) -> CoarseSurface:
+    """Reads a surface as `load_surface` does, of at most so many points.
+
+    Args:
+        path: As there.
+        view: As there.
+        max_pixels: As there.
+        relief: As there.
+        max_points: A picture with more pixels is reduced to this number, by means over areas; a mesh is seen in fewer.
+
+    Raises:
+        CommandError: it cannot be read, or it shows no surface.
+    """
     import numpy as np
 
     from jaxlens.cli.pictures import read_picture
@@ -72,19 +108,59 @@ def load_surface(path: Path, view: View, max_pixels: int | None, *, relief: floa
 
     try:
         if is_mesh(path):
-            width, height = _SIZE if view.size is None else parse_size(view.size, "--size")
-            return from_mesh(
-                load_mesh(path), height, width, projection=view.projection, field_of_view=view.field_of_view
+            size = _SIZE if view.size is None else parse_size(view.size, "--size")
+            width, height = _within(size, max_points)
+            return CoarseSurface(
+                from_mesh(load_mesh(path), height, width, projection=view.projection, field_of_view=view.field_of_view),
+                size,
             )
         picture = read_picture(path, max_pixels)
         gray, white = gray_values(picture)
         if not np.isfinite(gray).any():
             raise CommandError(f"{str(path)!r} shows no surface: none of its pixels is finite")
         floating = picture.pixels.dtype.kind == "f"
-        height = relief if relief is not None else (white if floating else _RELIEF * min(gray.shape))
-        return DepthMap(gray * (height / white))
+        rise = relief if relief is not None else (white if floating else _RELIEF * min(gray.shape))
+        size = (gray.shape[1], gray.shape[0])
+        width, height = _within(size, max_points)
+        heights = _reduced(gray * (rise / white), height, width)
+        return CoarseSurface(DepthMap(heights, spacing=(size[0] / width, size[1] / height)), size)
     except ValueError as error:
         raise CommandError(f"{str(path)!r}: {error}") from error
+
+
+def _within(size: tuple[int, int], most: int | None) -> tuple[int, int]:
+    """Width and height of the same shape, as nearly as may be, and of at most so many pixels."""
+    width, height = size
+    if most is None or width * height <= most:
+        return size
+    # The shorter side first: of a narrow strip it stays one pixel at least.
+    shrink = (most / (width * height)) ** 0.5
+    short = max(1, int(min(size) * shrink))
+    long = max(1, min(int(max(size) * shrink), most // short))
+    return (long, short) if width >= height else (short, long)
+
+
+def _reduced(values: "np.ndarray", height: int, width: int) -> "np.ndarray":
+    """The means over areas, of what is finite there; NaN where that is less than half."""
+    import numpy as np
+
+    if values.shape == (height, width):
+        return values
+    down, across = (_shares(few, many) for few, many in zip((height, width), values.shape, strict=True))
+    known = np.isfinite(values)
+    part = down @ known.astype(np.float64) @ across.T
+    total = down @ np.where(known, values, 0) @ across.T
+    seen = part >= 0.5
+    return np.where(seen, total / np.where(seen, part, 1), np.nan)
+
+
+def _shares(few: int, many: int) -> "np.ndarray":
+    """By how much each of many intervals, all of one length, covers each of a few of the same total length."""
+    import numpy as np
+
+    edges, fine = np.linspace(0, many, few + 1), np.arange(many)
+    overlap = np.minimum(edges[1:, None], fine + 1) - np.maximum(edges[:-1, None], fine)
+    return np.maximum(overlap, 0) * (few / many)
 
 
 def gray_values(picture: "Picture") -> "tuple[np.ndarray, float]":
@@ -100,21 +176,3 @@ def gray_values(picture: "Picture") -> "tuple[np.ndarray, float]":
         pixels = pixels[..., :-1] if picture.has_alpha else pixels
         pixels = pixels.mean(axis=-1, dtype=np.float64)
     return np.asarray(pixels, np.float64), white
-
-
-def save_figure(path: Path, figure: "Figure", *, overwrite: bool) -> None:
-    """Writes a figure as PNG, whole or not at all.
-
-    Raises:
-        CommandError: it exists, or cannot be written.
-    """
-    from jaxlens.experiments.figures.style import save, style
-    from jaxlens.files import atomic_write
-
-    try:
-        with atomic_write(path, overwrite=overwrite) as temporary, style():
-            save(figure, temporary.parent, temporary.stem)
-    except FileExistsError:
-        raise CommandError(f"{str(path)!r} exists; pass --overwrite to replace it") from None
-    except OSError as error:
-        raise CommandError(f"cannot write {str(path)!r}: {error.strerror or error}") from error

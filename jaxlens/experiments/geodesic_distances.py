@@ -1,6 +1,6 @@
 """Three distances from the tip of a nose, and how fast two of them converge where the truth is known: on a sphere."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -119,6 +119,7 @@ def measure_distances(
     *,
     source: Float[np.ndarray, "2"] | None = None,
     albedo: Float[Array, "height width"] | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Distances:
     """Measures a surface.
 
@@ -126,6 +127,7 @@ def measure_distances(
         depth_map: The surface.
         source: (x, y) in pixels; the tip of the nose, unless given.
         albedo: `(H, W)`, for the shaded picture.
+        progress: Of the shortest distances; as `jaxlens.surfaces.geodesic_distance`.
 
     Raises:
         ValueError: as `jaxlens.surfaces.geodesic_distance`.
@@ -137,7 +139,8 @@ def measure_distances(
         for light in ({}, {"light": (0.0, 0.0, 1.0)})
     )
     place = nose_tip(depth_map) if source is None else jnp.asarray(source, depth_map.depth.dtype)
-    radial, geodesic = radial_geodesic_distance(depth_map, place), geodesic_distance(depth_map, place)
+    radial = radial_geodesic_distance(depth_map, place)
+    geodesic = geodesic_distance(depth_map, place, progress=progress)
     offsets = (depth_map.points()[..., :2] - (place * depth_map.spacing)[None, None]).reshape(height, width, 2)
     planar = np.where(mask, np.hypot(*np.moveaxis(np.asarray(offsets), -1, 0)), np.nan)
     return Distances(depth_map, picture, features, np.asarray(place), planar, np.asarray(radial), np.asarray(geodesic))

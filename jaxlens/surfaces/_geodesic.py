@@ -1,6 +1,7 @@
 """The geodesic distance of a surface that is given by its depth."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +16,8 @@ from jaxlens.surfaces._nose_tip import nose_tip
 from jaxlens.surfaces._policies import FAR, Field, costs, improved, length, smallest_excess
 from jaxlens.surfaces._sweeps import solve, solve_transposed, weighted_sum
 
+Progress = Callable[[int, int], None] | None
+
 # Sources up to which each is solved for alone, exactly.
 _FEW = 8
 # Pixels this near to the source are as far as a straight line.
@@ -24,7 +27,10 @@ _TOLERANCE = {4: 1e-4, 8: 1e-10}
 
 
 def geodesic_distance(
-    depth_map: DepthMap, source: Float[ArrayLike, "*sources 2"] | Sequence | None = None
+    depth_map: DepthMap,
+    source: Float[ArrayLike, "*sources 2"] | Sequence | None = None,
+    *,
+    progress: Progress = None,
 ) -> Float[Array, "height width"]:
     """Returns how far each pixel's point is from a source, along the surface.
 
@@ -46,6 +52,8 @@ def geodesic_distance(
             Up to eight are solved for one by one; more at once, in the time of a few. There a pixel may miss a
             source whose region is narrower than a pixel, or take the second nearest where two regions meet, and be
             off by a part of a pixel (up to a quarter was seen, about walls). The nose tip (`nose_tip`), unless given.
+        progress: Told after each round of sweeps how many pixels it has left as they were, and how many there are;
+            the last round leaves all. Of a few sources each has rounds of its own. Called from another thread.
 
     Returns:
         `(H, W)` distances in world units; NaN outside the mask, ∞ where no way leads to a source.
@@ -67,7 +75,7 @@ def geodesic_distance(
     """
     points = nose_tip(depth_map) if source is None else as_points(source)
     check_inside(depth_map, points, "source")
-    return _distance(depth_map, points)
+    return _distance(depth_map, points, progress)
 
 
 def check_inside(depth_map: DepthMap, points: Float[Array, "*points 2"], name: str) -> None:
@@ -88,22 +96,26 @@ def check_inside(depth_map: DepthMap, points: Float[Array, "*points 2"], name: s
             raise ValueError(f"{name} ({x:g}, {y:g}) lies outside the mask: there is no surface at pixel {column, row}")
 
 
-@jax.jit
-def _distance(depth_map: DepthMap, points: Float[Array, "*sources 2"]) -> Float[Array, "height width"]:
+@partial(jax.jit, static_argnames="progress")
+def _distance(
+    depth_map: DepthMap, points: Float[Array, "*sources 2"], progress: Progress
+) -> Float[Array, "height width"]:
     points = points.reshape(-1, 2)
     if len(points) > _FEW:
-        return _joint_distance(depth_map, points)
-    return jnp.min(lax.map(lambda point: _joint_distance(depth_map, point[None]), points), axis=0)
+        return _joint_distance(depth_map, points, progress)
+    return jnp.min(lax.map(lambda point: _joint_distance(depth_map, point[None], progress), points), axis=0)
 
 
-def _joint_distance(depth_map: DepthMap, points: Float[Array, "sources 2"]) -> Float[Array, "height width"]:
+def _joint_distance(
+    depth_map: DepthMap, points: Float[Array, "sources 2"], progress: Progress
+) -> Float[Array, "height width"]:
     depth, mask, spacing = depth_map.depth, depth_map.mask, depth_map.spacing
     points = points.astype(depth.dtype)
     padded = padded_depth(depth_map)
     heights = jax.vmap(lambda point: cubic_at(padded, point))(points)
     sources = jnp.concatenate([points * spacing[None], heights[:, None]], axis=1)
     fixed = jax.tree.map(lax.stop_gradient, (depth_map, points, sources))
-    field = _solved(*fixed)
+    field = _solved(*fixed, progress)
     u = _excess(depth, spacing, sources, *field)
     label = field[1].label
     chord = length(Field(depth, mask, spacing, sources, label, mask).offsets())
@@ -111,12 +123,12 @@ def _joint_distance(depth_map: DepthMap, points: Float[Array, "sources 2"]) -> F
     return jnp.where(mask, distances, jnp.nan)
 
 
-def _solved(depth_map: DepthMap, points: Array, sources: Array) -> tuple[Array, Field]:
+def _solved(depth_map: DepthMap, points: Array, sources: Array, progress: Progress) -> tuple[Array, Field]:
     """Returns u, and the field with the pixels' sources and those that are still beside theirs."""
     depth, mask, spacing = depth_map.depth, depth_map.mask, depth_map.spacing
     label, beside = _beside(depth, spacing, points, sources)
     field = Field(depth, mask, spacing, sources, label, mask & ~beside)
-    u, nearest = smallest_excess(field, _TOLERANCE[depth.dtype.itemsize] * jnp.min(spacing))
+    u, nearest = smallest_excess(field, _TOLERANCE[depth.dtype.itemsize] * jnp.min(spacing), progress)
     free = mask & ~(beside & (u == 0) & (nearest == label))
     return u, Field(depth, mask, spacing, sources, nearest, free)
 

@@ -8,7 +8,10 @@ u = T − |X − S|, is zero on planes and smooth at the source. So u is interpo
     c = |X − Y| + |Y − S| − |X − S|,   Y = B + share (A − B).
 """
 
+from collections.abc import Callable
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
@@ -129,7 +132,7 @@ def _vectors(field: Field, heights: _Neighbours, middle: Array, beside: Array) -
 
 
 def smallest_excess(
-    field: Field, tolerance: Float[Array, ""]
+    field: Field, tolerance: Float[Array, ""], progress: Callable[[int, int], None] | None = None
 ) -> tuple[Float[Array, "height width"], Int[Array, "height width"]]:
     """Returns u, by sweeps in the four directions until none lowers a distance by more than the tolerance, and labels.
 
@@ -141,6 +144,8 @@ def smallest_excess(
     Several sources are solved for at once: a pixel's way leads to that of its three neighbours' sources which is the
     nearest, if their excess were its own. A neighbour whose way leads elsewhere is no nearer to this source than it is
     to its own; that bounds its excess, and the one that has the source says how large it is about here.
+
+    `progress` is told, after each round of four sweeps, how many pixels it has not lowered, and of how many.
     """
     x, y, z = field.offsets()
     chord = length((x, y, z))
@@ -245,7 +250,10 @@ def smallest_excess(
         old = total(u, label)
         for direction in DIRECTIONS:
             u, label = sweep(u, label, direction)
-        return count + 1, u, label, jnp.any(total(u, label) < old - tolerance)
+        lowered = total(u, label) < old - tolerance
+        if progress is not None:
+            jax.debug.callback(lambda count: progress(lowered.size - int(count), lowered.size), jnp.sum(lowered))
+        return count + 1, u, label, jnp.any(lowered)
 
     start = jnp.where(field.mask & ~field.free, 0, FAR).astype(field.depth.dtype)
     _, u, label, _ = lax.while_loop(unfinished(start), body, (0, start, field.label, jnp.array(True)))

@@ -92,6 +92,42 @@ def test_a_picture_of_depths(run, tmp_path):
     assert (again.code, "pass --overwrite" in again.err) == (2, True)
 
 
+def test_a_surface_of_many_points_is_taken_coarser(run, tmp_path):
+    x, y = np.meshgrid(np.arange(80.0), np.arange(60.0))
+    write_image(tmp_path / "depth.tif", Picture((0.75 * x).astype(np.float32)))
+    folder = tmp_path / "out"
+    result = run("geodesic", tmp_path / "depth.tif", "--source", "10", "20", "--max-points", "1200", "-o", folder)
+    assert result.code == 0
+    assert "has 80 × 60 points, more than --max-points 1200: its surface is taken at 40 × 30" in result.err
+    assert "pixel (10.00, 20.00)" in result.out
+    found = read_image(folder / "geodesic.tif").pixels
+    assert found.shape == (30, 40)
+    x, y = x[::2, ::2] + 0.5, y[::2, ::2] + 0.5
+    np.testing.assert_allclose(found, np.hypot(1.25 * (x - 10), y - 20), rtol=1e-5)
+    level, _, x, y = np.loadtxt(folder / "curves.csv", delimiter=",", skiprows=1).T
+    assert np.abs(np.hypot(1.25 * (x - 10), y - 20) - level).max() < 0.2
+    whole = run(
+        "geodesic", tmp_path / "depth.tif", "--source", "10", "20", "--max-points", "4800", "-o", tmp_path / "w"
+    )
+    assert "coarser" not in whole.err
+    assert read_image(tmp_path / "w" / "geodesic.tif").pixels.shape == (60, 80)
+    refused = run("geodesic", tmp_path / "depth.tif", "--max-points", "3", "--output", tmp_path / "no")
+    assert (refused.code, "--max-points is at least 16, got 3" in refused.err) == (2, True)
+
+
+def test_holes_stay_where_a_surface_is_taken_coarser(run, tmp_path):
+    depth = np.zeros((60, 80), np.float32)
+    depth[:, 40:44] = np.nan
+    depth[3, 3] = np.nan
+    write_image(tmp_path / "depth.tif", Picture(depth))
+    result = run(
+        "geodesic", tmp_path / "depth.tif", "--source", "10", "20", "--max-points", "1200", "-o", tmp_path / "o"
+    )
+    assert result.code == 0
+    found = read_image(tmp_path / "o" / "geodesic.tif").pixels
+    np.testing.assert_array_equal(np.isnan(found), np.broadcast_to(np.isin(np.arange(40), (20, 21)), (30, 40)))
+
+
 @pytest.mark.parametrize(
     ("words", "code", "message"),
     [

@@ -238,3 +238,17 @@ def test_many_sources_are_as_one_by_one(x64):
     assert error.max() < 0.005  # a twentieth of a pixel
     assert np.mean(error > 1e-9) < 0.05
     assert np.isnan(found[~mask]).all()
+
+
+@pytest.mark.parametrize("count", [1, 2, 9])
+def test_progress_is_told_round_by_round(count):
+    sources = np.stack([np.linspace(2, 30, count), np.linspace(3, 20, count)], axis=-1)
+    surface = DepthMap(0.1 * jnp.asarray(np.random.default_rng(5).random((HEIGHT, WIDTH))))
+    told = []
+    found = geodesic_distance(surface, sources, progress=lambda done, total: told.append((done, total)))
+    jax.effects_barrier()
+    np.testing.assert_allclose(found, geodesic_distance(surface, sources), rtol=1e-6)
+    assert {total for _, total in told} == {HEIGHT * WIDTH}
+    assert told[0][0] < HEIGHT * WIDTH
+    assert told[-1][0] == HEIGHT * WIDTH
+    assert [done for done, _ in told].count(HEIGHT * WIDTH) == (count if count <= 8 else 1)
