@@ -653,3 +653,39 @@ def test_options_are_keyword_only_and_required(x32):
         metrics.psnr(IMAGE, IMAGE)
     with pytest.raises(TypeError):
         metrics.mse(IMAGE, IMAGE, np.ones((12, 13), bool))
+
+
+@pytest.mark.parametrize("rows", [1, 5, 10, 11, 17, 39, 40, 41, None])
+@pytest.mark.parametrize("dtype", [np.uint8, np.float32, np.float64])
+def test_strips_give_the_same(rows, dtype):
+    rng = np.random.default_rng(3)
+    reference = (200 * rng.random((40, 23, 3))).astype(dtype)
+    image = np.clip(reference + rng.normal(0, 20, reference.shape), 0, 255).astype(dtype)
+    with jax.enable_x64(True):
+        whole = metrics.evaluate(reference, image, data_range=255.0)
+        parts = metrics.evaluate_in_strips(reference, image, data_range=255.0, rows=rows)
+        assert list(parts) == list(whole)
+        tight = 1e-12 if dtype != np.float32 else 1e-5
+        for name, score in whole.items():
+            np.testing.assert_allclose(parts[name], score, rtol=tight, err_msg=name)
+
+
+@pytest.mark.parametrize("rows", [3, None])
+@pytest.mark.parametrize("shape", [(7, 30), (30, 7), (10, 30), (30, 10), (1, 1)])
+@pytest.mark.parametrize("change", [0.0, 3.0])
+def test_strips_of_small_flat_and_equal_images(rows, shape, change):
+    for reference in (np.zeros(shape), np.arange(float(np.prod(shape))).reshape(shape)):
+        whole = metrics.evaluate(reference, reference + change, data_range=255.0)
+        parts = metrics.evaluate_in_strips(reference, reference + change, data_range=255.0, rows=rows)
+        for name, score in whole.items():
+            np.testing.assert_allclose(parts[name], score, rtol=1e-6, err_msg=name)
+
+
+@pytest.mark.usefixtures("_untyped")
+def test_strips_that_cannot_be():
+    with pytest.raises(ValueError, match="must be equal"):
+        metrics.evaluate_in_strips(np.zeros((4, 4)), np.zeros((4, 5)), data_range=1.0)
+    with pytest.raises(ValueError, match="rows is 0"):
+        metrics.evaluate_in_strips(np.zeros((4, 4)), np.zeros((4, 4)), data_range=1.0, rows=0)
+    with pytest.raises(ValueError, match="holds no pixels"):
+        metrics.evaluate_in_strips(np.zeros((0, 4)), np.zeros((0, 4)), data_range=1.0)

@@ -124,11 +124,11 @@ def _data_range(arguments: Arguments, picture: "Picture") -> float:
 def _evaluate(reference: "Picture", image: "Picture", data_range: float) -> dict[str, float]:
     import jax
 
-    from jaxlens.metrics import evaluate
+    from jaxlens.metrics import evaluate_in_strips
 
     # Sums over millions of pixels are good to all digits shown in double precision only.
     with jax.enable_x64(True):
-        scores = evaluate(reference.pixels, image.pixels, data_range=data_range)
+        scores = evaluate_in_strips(reference.pixels, image.pixels, data_range=data_range)
         return {name: float(score) for name, score in scores.items()}
 
 

@@ -7,6 +7,7 @@ from jaxlens.metrics.pointwise import psnr as psnr
 from jaxlens.metrics.pointwise import range_snr as range_snr
 from jaxlens.metrics.pointwise import rmse as rmse
 from jaxlens.metrics.pointwise import snr as snr
+from jaxlens.metrics.strips import evaluate_in_strips as evaluate_in_strips
 from jaxlens.metrics.structural import QualityFactors as QualityFactors
 from jaxlens.metrics.structural import ssim as ssim
 from jaxlens.metrics.structural import uqi as uqi

@@ -28,12 +28,11 @@ class Pair(NamedTuple):
     samples: Float[Array, ""]
 
 
-def check_images(reference: ArrayLike, image: ArrayLike, mask: ArrayLike | None) -> tuple[Array, Array, Array | None]:
-    """Refuse what is not a pair of images, and hand back JAX arrays.
+def check_shapes(reference: ArrayLike, image: ArrayLike) -> None:
+    """Refuse what is not a pair of images.
 
     Raises:
-        ValueError: if the images are not `(H, W)` or `(H, W, C)`, are empty, complex, or differ in shape,
-            or if the mask is not boolean of shape `(H, W)`.
+        ValueError: if the images are not `(H, W)` or `(H, W, C)`, are empty, complex, or differ in shape.
     """
     for name, array in (("reference", reference), ("image", image)):
         shape = np.shape(array)
@@ -50,6 +49,16 @@ def check_images(reference: ArrayLike, image: ArrayLike, mask: ArrayLike | None)
             f"reference has shape {np.shape(reference)} and image {np.shape(image)}; they must be equal. "
             "Resize or crop one of them first."
         )
+
+
+def check_images(reference: ArrayLike, image: ArrayLike, mask: ArrayLike | None) -> tuple[Array, Array, Array | None]:
+    """Refuse what is not a pair of images, and hand back JAX arrays.
+
+    Raises:
+        ValueError: if the images are not `(H, W)` or `(H, W, C)`, are empty, complex, or differ in shape,
+            or if the mask is not boolean of shape `(H, W)`.
+    """
+    check_shapes(reference, image)
     if mask is None:
         return _to_jax(reference), _to_jax(image), None
     if np.shape(mask) != np.shape(reference)[:2]:

@@ -19,6 +19,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
+from jaxlens.metrics.decibels import decibels
 from jaxlens.metrics.inputs import (
     Image,
     Mask,
@@ -237,13 +238,13 @@ def _minkowski(reference: Array, image: Array, mask: Array | None, p: RealScalar
 def _psnr(reference: Array, image: Array, mask: Array | None, data_range: RealScalar) -> Array:
     noise = _mean_square_error(pair(reference, image, mask))
     peak = jnp.asarray(data_range, noise.dtype)
-    return _decibels(jnp.where(peak > 0, peak, jnp.nan) ** 2, noise)
+    return decibels(jnp.where(peak > 0, peak, jnp.nan) ** 2, noise)
 
 
 @jax.jit
 def _snr(reference: Array, image: Array, mask: Array | None) -> Array:
     both = pair(reference, image, mask)
-    return _decibels(jnp.sum(both.reference**2) / both.samples, _mean_square_error(both))
+    return decibels(jnp.sum(both.reference**2) / both.samples, _mean_square_error(both))
 
 
 @jax.jit
@@ -262,7 +263,7 @@ def _range_snr(
     else:
         span = jnp.asarray(bounds[1], error.dtype) - jnp.asarray(bounds[0], error.dtype)
         span = jnp.where(span > 0, span, jnp.nan)
-    return _decibels(span**2, jnp.sum(deviation**2) / both.samples)
+    return decibels(span**2, jnp.sum(deviation**2) / both.samples)
 
 
 def _mean_square_error(both: Pair) -> Array:
@@ -272,14 +273,3 @@ def _mean_square_error(both: Pair) -> Array:
 def _safe_sqrt(square: Array) -> Array:
     """A square root whose derivative at 0 is 0."""
     return jnp.where(square == 0, 0, jnp.sqrt(jnp.where(square == 0, 1, square)))
-
-
-def _decibels(signal: Array, noise: Array) -> Array:
-    """Ten times the common logarithm of a ratio of powers: `inf` without noise, `-inf` without signal.
-
-    Each 0 is replaced before its logarithm is taken, so that the derivative is 0 there and not NaN.
-    """
-    level = jnp.log10(jnp.where(signal == 0, 1, signal)) - jnp.log10(jnp.where(noise == 0, 1, noise))
-    level = jnp.where(signal == 0, -jnp.inf, level)
-    # A signal of NaN (no traced range is below 0) stays NaN even without noise.
-    return 10 * jnp.where((noise == 0) & ~jnp.isnan(signal), jnp.inf, level)
