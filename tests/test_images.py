@@ -2,6 +2,7 @@ import contextlib
 import dataclasses
 import io
 import os
+import re
 import resource
 import signal
 import stat
@@ -14,7 +15,7 @@ import zlib
 import numpy as np
 import pytest
 import tifffile
-from PIL import ExifTags, Image, ImageCms, ImageOps
+from PIL import ExifTags, Image, ImageCms, ImageOps, features
 from PIL.TiffImagePlugin import IFDRational
 
 import jaxlens.images.writing
@@ -29,6 +30,7 @@ from jaxlens.images import (
     write_image,
 )
 from jaxlens.images.directories import Entry, build_exif
+from jaxlens.images.exif import reset_orientation
 from jaxlens.images.picture import FORMATS
 
 LOSSLESS = [
@@ -1026,3 +1028,64 @@ print([name for name in ("jax", "PIL", "imageio", "tifffile", "imagecodecs") if 
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+needs_avif = pytest.mark.skipif(not features.check("avif"), reason="Pillow without AVIF")
+
+
+@needs_avif
+@pytest.mark.parametrize("channels", [3, 4])
+def test_avif_is_read(tmp_path, channels):
+    y, x = np.mgrid[:40, :56]
+    pixels = np.stack([3 * x, 4 * y, 2 * (x + y), 255 - 2 * x][:channels], axis=-1).astype(np.uint8)
+    path = tmp_path / "a.avif"
+    Image.fromarray(pixels).save(path, quality=100, subsampling="4:4:4")
+    picture = read_image(path)
+    assert picture.metadata.format == "AVIF"
+    assert picture.pixels.shape == pixels.shape
+    assert np.abs(picture.pixels.astype(int) - pixels).max() <= 4
+    assert list_images(tmp_path) == [path]
+    with pytest.raises(ImageError, match="max_pixels=100"):
+        read_image(path, max_pixels=100)
+    with pytest.raises(ImageError, match=re.escape("no picture is written with suffix '.avif'")):
+        write_image(tmp_path / "b.avif", picture)
+
+
+@needs_avif
+@pytest.mark.parametrize("orientation", [1, 3, 6, 8])
+def test_avif_is_upright(tmp_path, orientation):
+    y, x = np.mgrid[:40, :56]
+    pixels = np.stack([3 * x, 4 * y, 2 * (x + y)], axis=-1).astype(np.uint8)
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    Image.fromarray(pixels).save(tmp_path / "a.avif", quality=100, subsampling="4:4:4", exif=exif)
+    expected = ImageOps.exif_transpose(Image.open(tmp_path / "a.avif"))
+    found = read_image(tmp_path / "a.avif")
+    np.testing.assert_array_equal(found.pixels, np.asarray(expected))
+    assert found.pixels.shape[:2] == ((56, 40) if orientation > 4 else (40, 56))
+    if found.metadata.exif:
+        assert reset_orientation(found.metadata.exif)[0] == 1
+
+
+@needs_avif
+def test_avif_of_more_bits_is_refused(tmp_path):
+    path = tmp_path / "a.avif"
+    Image.new("RGB", (16, 16)).save(path)
+    data = bytearray(path.read_bytes())
+    data[data.index(b"av1C") + 6] |= 0x40
+    path.write_bytes(data)
+    with pytest.raises(ImageError, match="more than 8 bits"):
+        read_image(path)
+
+
+def test_avif_without_its_decoder_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.delitem(features.modules, "avif", raising=False)
+    (tmp_path / "a.avif").write_bytes(b"\0\0\0\x20ftypavif\0\0\0\0")
+    with pytest.raises(ImageError, match=re.escape("pip install --upgrade 'pillow>=11.3'")):
+        read_image(tmp_path / "a.avif")
+
+
+def test_heif_says_how_to_convert_it(tmp_path):
+    (tmp_path / "a.heic").write_bytes(b"\0\0\0\x18ftypheic\0\0\0\0")
+    with pytest.raises(ImageError, match=r"it is HEIF.*pillow-heif"):
+        read_image(tmp_path / "a.heic")

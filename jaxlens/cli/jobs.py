@@ -13,7 +13,6 @@ _HEIF = "HEIF is not read; convert it first, with pillow-heif for instance, to P
 _RAW = "raw pictures are not read; develop it first, with rawpy for instance, to TIFF"
 _REMEDIES = {
     **dict.fromkeys((".heic", ".heif", ".hif"), _HEIF),
-    **dict.fromkeys((".avif", ".avifs"), "AVIF is not read; convert it first, with Pillow for instance, to PNG"),
     ".jxl": "JPEG XL is not read; convert it first to PNG",
     **dict.fromkeys((".arw", ".cr2", ".cr3", ".dng", ".nef", ".orf", ".raf", ".rw2"), _RAW),
 }

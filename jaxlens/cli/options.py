@@ -23,7 +23,7 @@ class WarpArguments:
     """A lens, and pictures to put through it."""
 
     files: Annotated[Paths, Positional, paths("FILE..."), arg(help_behavior_hint="")]
-    """Pictures (PNG, JPEG, TIFF, WebP, BMP, PNM, GIF), or folders of them, which are not searched deeper."""
+    """Pictures (PNG, JPEG, TIFF, WebP, BMP, PNM, GIF, AVIF), or folders of them, which are not searched deeper."""
 
     output: Annotated[str, arg(metavar="PATH", aliases=["-o"])]
     """For one picture its new file, or a folder that exists or ends in a slash; for several, or a folder of them, a

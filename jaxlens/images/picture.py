@@ -28,8 +28,8 @@ class PictureMetadata:
             TIFF spreads its EXIF over the file: of it, the descriptive tags, EXIF and GPS directories.)
         icc_profile: ICC colour profile of the pixels.
         dpi: Dots per inch, (horizontal, vertical), both positive.
-        format: The file's format: `"PNG"`, `"JPEG"`, `"TIFF"`, `"BMP"`, `"WebP"`, `"GIF"` or `"PNM"`.
-            For information; writing goes by the suffix.
+        format: The file's format: `"PNG"`, `"JPEG"`, `"TIFF"`, `"BMP"`, `"WebP"`, `"GIF"`,
+            `"AVIF"` or `"PNM"`. For information; writing goes by the suffix.
     """
 
     exif: bytes | None = field(default=None, repr=False)
@@ -86,7 +86,8 @@ class FileFormat:
 _ANY = (1, 2, 3, 4)
 _TIFF_DTYPES = ("uint8", "uint16", "uint32", "int8", "int16", "int32", "float16", "float32", "float64")
 
-# GIF is not written: 256 colours would be a loss. BMP's alpha is ambiguous among readers, WebP has no gray.
+# GIF is not written: 256 colours would be a loss; nor AVIF, which Pillow never writes without loss. BMP's alpha is
+# ambiguous among readers, WebP has no gray.
 FORMATS = (
     FileFormat("PNG", (".png",), {"uint8": _ANY, "uint16": _ANY}),
     FileFormat("TIFF", (".tif", ".tiff"), {dtype: _ANY for dtype in _TIFF_DTYPES}),
@@ -98,6 +99,7 @@ FORMATS = (
     FileFormat("PNM", (".pnm",), {"uint8": (1, 3), "uint16": (1,)}),
     FileFormat("PBM", (".pbm",), {}),
     FileFormat("GIF", (".gif",), {}),
+    FileFormat("AVIF", (".avif", ".avifs"), {}),
 )
 
 READABLE_SUFFIXES = tuple(sorted(suffix for known in FORMATS for suffix in known.suffixes))

@@ -14,7 +14,7 @@ from importlib import import_module
 from typing import Any, BinaryIO
 
 import numpy as np
-from PIL import Image, ImageFile
+from PIL import Image, ImageFile, features
 
 from jaxlens.images.exif import reset_orientation, strip_prefix
 from jaxlens.images.picture import PNG_COMPRESSION_LEVEL, ImageError, PictureMetadata, check_size
@@ -28,8 +28,12 @@ _READERS = {
     "GIF": ("PIL.GifImagePlugin", "GifImageFile"),
     "BMP": ("PIL.BmpImagePlugin", "BmpImageFile"),
     "PNM": ("PIL.PpmImagePlugin", "PpmImageFile"),
+    "AVIF": ("PIL.AvifImagePlugin", "AvifImageFile"),
 }
 _DIRECT_MODES = ("L", "LA", "RGB", "RGBA")
+# The boxes before the pixels, which hold the configuration of each picture in the file, its alpha included.
+_AVIF_HEAD = 65_536
+_AV1_CONFIGURATION = re.compile(rb"av1C(.{4})", re.DOTALL)
 _PNM_SPACE = rb"(?:\s|#[^\n]*\n)+"
 _PNM_COLOUR_HEADER = re.compile(rb"P[36]" + 2 * (_PNM_SPACE + rb"\d+") + _PNM_SPACE + rb"(\d+)")
 
@@ -107,12 +111,27 @@ def checked_dpi(dpi: Any) -> tuple[float, float] | None:
 
 
 def _open(file: BinaryIO, format: str) -> ImageFile.ImageFile:
+    if format == "AVIF":
+        _check_avif(file)
     module, name = _READERS[format]
     reader: Callable[[BinaryIO], ImageFile.ImageFile] = getattr(import_module(module), name)
     try:
         return reader(file)
     except Image.DecompressionBombError as error:
         raise ImageError(f"it declares a huge picture ({error})") from error
+
+
+def _check_avif(file: BinaryIO) -> None:
+    """Refuses what Pillow cannot read, and what it would cut to 8 bits."""
+    # Older versions warn of a feature that they do not know.
+    supported = "avif" in features.modules and features.check("avif")
+    if not supported:
+        raise ImageError("this Pillow does not read AVIF; pip install --upgrade 'pillow>=11.3', or convert it to PNG")
+    head = file.read(_AVIF_HEAD)
+    file.seek(0)
+    # AV1's configuration (AV1-ISOBMFF 2.3.3): the third byte has a bit for more than 8 bits.
+    if any(match[1][2] & 0x40 for match in _AV1_CONFIGURATION.finditer(head)):
+        raise ImageError("it has more than 8 bits a channel, which would be cut to 8; convert it to 16-bit PNG or TIFF")
 
 
 def _exif_in_disguise(image: Image.Image) -> bytes:

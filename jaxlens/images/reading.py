@@ -25,22 +25,25 @@ _SIGNATURES: Sequence[tuple[str, re.Pattern[bytes]]] = (
     ("GIF", re.compile(rb"GIF8[79]a")),
     ("BMP", re.compile(rb"BM")),
     ("PNM", re.compile(rb"P[1-6][\s#]")),
+    ("AVIF", re.compile(rb".{4}ftypavi[fs]", re.DOTALL)),
 )
+# Of the same family of files as AVIF, told by its brand.
+_HEIF = re.compile(rb".{4}ftyp(hei[cxms]|hev[cxms]|mif1|msf1)", re.DOTALL)
 
 
 def read_image(path: str | os.PathLike[str], *, max_pixels: int = DEFAULT_MAX_PIXELS) -> Picture:
     """Read a picture with its metadata, upright.
 
-    Formats: PNG, JPEG, TIFF, BMP, WebP, GIF and PBM/PGM/PPM, told by their first bytes, whatever the
-    suffix. The dtype is the file's: 16-bit PNG and TIFF stay uint16, float TIFF stays float. Palettes are
-    looked up (RGB, or RGBA with transparency); a PNG's transparent colour becomes an alpha channel; 1-bit
-    pictures become uint8 with 0 and 255; a PGM of any depth is stretched to the full range. EXIF orientation
-    is applied to the pixels, once, and its tag set to 1. Of animations and multi-page files the first picture
-    is read, with a UserWarning; a multi-picture JPEG of a phone is its main picture, without one.
+    Formats: PNG, JPEG, TIFF, BMP, WebP, GIF, PBM/PGM/PPM and, where Pillow is built with it, AVIF, told by their
+    first bytes, whatever the suffix. The dtype is the file's: 16-bit PNG and TIFF stay uint16, float TIFF stays
+    float. Palettes are looked up (RGB, or RGBA with transparency); a PNG's transparent colour becomes an alpha
+    channel; 1-bit pictures become uint8 with 0 and 255; a PGM of any depth is stretched to the full range. EXIF
+    orientation is applied to the pixels, once, and its tag set to 1. Of animations and multi-page files the first
+    picture is read, with a UserWarning; a multi-picture JPEG of a phone is its main picture, without one.
 
     Refused, because reading them would guess at colours or lose bits: CMYK, YCbCr and Lab, camera raw,
-    premultiplied alpha, undeclared extra channels, 16-bit colour PPM, TIFF compressions other than LZW,
-    Deflate, PackBits and Zstandard.
+    premultiplied alpha, undeclared extra channels, 16-bit colour PPM, AVIF of 10 and 12 bits, TIFF compressions
+    other than LZW, Deflate, PackBits and Zstandard.
 
     Args:
         path: The file. Symbolic links are followed.
@@ -115,6 +118,10 @@ def _decode(file: BinaryIO, path: Path, max_pixels: int) -> Picture:
     head = file.read(16)
     file.seek(0)
     format = next((name for name, signature in _SIGNATURES if signature.match(head)), None)
+    if format is None and _HEIF.match(head):
+        raise ImageError(
+            "it is HEIF, which is not read; convert it first, with pillow-heif for instance, to PNG or TIFF"
+        )
     if format is None:
         known = ", ".join(name for name, _ in _SIGNATURES)
         raise ImageError(f"it is not a picture of a known format ({known}); it begins with {head!r}")
