@@ -22,9 +22,11 @@ What it does:
   Finds the inner corners of a chessboard in the pictures (by OpenCV:
   pip install 'jaxlens[calibrate]'), or reads them from a CSV file with the
   columns view, corner, board_x, board_y, x, y. Pictures in which no board is
-  found are named and left out. --board counts inner corners.
+  found are named and left out; so are those that cannot be read, and then the
+  exit code is 1. --board counts inner corners.
 
 Examples:
+  jaxlens calibrate photos/ --board 9x6 --output camera.json
   jaxlens calibrate photos/*.jpg --board 9x6 --square 25 --output camera.json
   jaxlens calibrate --corners corners.csv --image-size 640x480 --plots fit/"""
 
@@ -34,7 +36,7 @@ class Arguments(FitArguments):
     """Calibrate a camera from pictures of a chessboard."""
 
     files: Annotated[Paths, Positional, paths("FILE..."), arg(help_behavior_hint="")] = field(default_factory=Paths)
-    """Pictures of the board; not with --corners."""
+    """Pictures of the board, or folders of them, which are not searched deeper; not with --corners."""
 
     model: Model = "brown-conrady"
     """The lens: OpenCV's k1 k2 p1 p2 k3 ..., 1 + κ1 r² + κ2 r⁴ + …, or the division model."""
@@ -61,7 +63,8 @@ def run(arguments: Arguments) -> int:
     check_max_pixels(arguments.max_pixels)
     if bool(arguments.files) == (arguments.corners is not None):
         raise UsageError("pass pictures of the board, with --board, or --corners FILE.csv, with --image-size")
-    names, views, size = _from_table(arguments) if arguments.corners is not None else _from_pictures(arguments)
+    found = _from_table(arguments) if arguments.corners is not None else _from_pictures(arguments)
+    names, views, size = found.names, found.views, found.size
     from jaxlens.fitting import Boards, calibrate
 
     with fitting():
@@ -83,10 +86,27 @@ def run(arguments: Arguments) -> int:
                 "curve": curve_figure(fit, np.asarray(fit.lens.invert(fit.frame.normalize(observed)).points), "pixels"),
             }
         deliver(arguments, fit, size, figures)
-    return 0
+    return 1 if found.unread else 0
 
 
-def _from_table(arguments: Arguments) -> tuple[list[str], list, tuple[int, int]]:
+@dataclass(frozen=True)
+class _Found:
+    """Views of a board.
+
+    Attributes:
+        names: Of the views.
+        views: Points on the board and where they are seen.
+        size: Width and height of the pictures.
+        unread: How many pictures could not be read.
+    """
+
+    names: list[str]
+    views: list
+    size: tuple[int, int]
+    unread: int = 0
+
+
+def _from_table(arguments: Arguments) -> _Found:
     """The views of a CSV file, in the order of their numbers."""
     assert arguments.corners is not None
     check_file(arguments.corners)
@@ -99,10 +119,10 @@ def _from_table(arguments: Arguments) -> tuple[list[str], list, tuple[int, int]]
         names, views = read_corners(arguments.corners)
     except CalibrationError as error:
         raise UsageError(str(error)) from error
-    return names, views, size
+    return _Found(names, views, size)
 
 
-def _from_pictures(arguments: Arguments) -> tuple[list[str], list, tuple[int, int]]:
+def _from_pictures(arguments: Arguments) -> _Found:
     """The views of pictures in which the board is found."""
     if arguments.board is None:
         raise UsageError("--board COLUMNSxROWS is needed: how many inner corners the board has, such as 9x6")
@@ -114,29 +134,34 @@ def _from_pictures(arguments: Arguments) -> tuple[list[str], list, tuple[int, in
     if min(board) < 3:
         raise UsageError(f"--board counts inner corners, three a side at least; got {arguments.board}")
     from jaxlens.cli.chessboards import board_points, find_corners
+    from jaxlens.cli.jobs import list_files
 
-    names, views, size = [], [], None
-    for path in arguments.files:
-        check_file(path)
-    for path in arguments.files:
-        from jaxlens.cli.pictures import read_picture
+    files = list_files(arguments.files)
+    from jaxlens.cli.pictures import read_picture
 
-        pixels = read_picture(path, arguments.max_pixels).pixels
+    names, views, size, first, unread = [], [], None, None, 0
+    for path in files:
+        try:
+            pixels = read_picture(path, arguments.max_pixels).pixels
+        except CommandError as error:
+            say(f"{error}: left out")
+            unread += 1
+            continue
         here = (pixels.shape[1], pixels.shape[0])
         if size is not None and here != size:
             raise CommandError(
-                f"{str(path)!r} is {here[0]} × {here[1]}, and {str(arguments.files[0])!r} {size[0]} × {size[1]}: one "
+                f"{str(path)!r} is {here[0]} × {here[1]}, and {str(first)!r} {size[0]} × {size[1]}: one "
                 "camera takes pictures of one size; calibrate them apart"
             )
-        size = here
+        size, first = here, first or path
         corners = find_corners(pixels, board)
         if corners is None:
             say(f"no board of {board[0]} × {board[1]} inner corners in {str(path)!r}: left out")
             continue
         names.append(path.name)
         views.append((board_points(board, arguments.square), corners))
-    if size is None or not views:
-        raise CommandError(
-            f"none of the {len(arguments.files)} pictures shows a board; is --board {arguments.board} right?"
-        )
-    return names, views, size
+    if size is None:
+        raise CommandError("no picture could be read" if len(files) > 1 else "the picture could not be read")
+    if not views:
+        raise CommandError(f"none of the {len(files)} pictures shows a board; is --board {arguments.board} right?")
+    return _Found(names, views, size, unread)

@@ -50,15 +50,30 @@ def plan_jobs(inputs: tuple[Path, ...], output: str) -> list[Job]:
         UsageError: the only input does not exist, a folder holds no picture, the output is not of the kind that is
             needed, or two inputs would have the same output.
     """
-    if len(inputs) == 1:
-        check_path(inputs[0])  # of several, one that is missing is named when its turn comes
-    sources = list(dict.fromkeys(file for path in inputs for file in _files_of(path)))
+    sources = list_files(inputs)
     path = Path(output)
     names_folder = path.is_dir() or output.endswith(("/", os.sep))
     if len(inputs) == 1 and not inputs[0].is_dir() and not names_folder:
         return [Job(sources[0], _checked_file(path), None)]
     _check_folder(path, named_so=names_folder)
     return _without_clashes([Job(source, path / _name_for(source), path) for source in sources])
+
+
+def list_files(inputs: tuple[Path, ...]) -> list[Path]:
+    """Returns files as they are, and of folders the pictures in them; what is no picture that is read is named.
+
+    Args:
+        inputs: Files and folders. Of several, a file that is missing is left for whoever reads it to name.
+
+    Returns:
+        At least one path, none twice.
+
+    Raises:
+        UsageError: the only input does not exist, or a folder holds no picture.
+    """
+    if len(inputs) == 1:
+        check_path(inputs[0])
+    return list(dict.fromkeys(file for path in inputs for file in _files_of(path)))
 
 
 def _files_of(path: Path) -> list[Path]:

@@ -184,6 +184,20 @@ def test_calibrate_from_pictures(run, tmp_path):
     assert "no board of 6 × 5 inner corners" in result.err
     assert result.code == 0, result.err
     assert "4 views" in result.out
+    (tmp_path / "broken.jpg").write_bytes(b"\xff\xd8\xff")
+    (tmp_path / "phone.heic").write_bytes(b"no picture")
+    folder = run("calibrate", tmp_path, "--board", "6x5", *words)
+    assert folder.out == result.out
+    # As undistort: what is damaged is named, the others are done; what is of no format that is read is skipped.
+    assert (folder.code, "broken.jpg': the file is damaged" in folder.err) == (1, True), folder.err
+    assert "skipping" in folder.err
+    assert "phone.heic" in folder.err
+    (tmp_path / "broken.jpg").unlink()
+    (tmp_path / "empty").mkdir()
+    result = run("calibrate", tmp_path / "empty", "--board", "6x5")
+    assert (result.code, "there is no picture in the folder" in result.err) == (2, True)
+    result = run("calibrate", tmp_path / "missing.png", "--board", "6x5")
+    assert (result.code, "there is no file" in result.err) == (2, True)
     result = run("calibrate", tmp_path / "none.png", "--board", "6x5")
     assert (result.code, "none of the 1 pictures shows a board" in result.err) == (1, True)
     write_image(tmp_path / "small.png", Picture(white[:100]))
