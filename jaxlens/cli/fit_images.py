@@ -63,7 +63,14 @@ def run(arguments: Arguments) -> int:
 
     with fitting():
         first, second = (jnp.asarray(_colours(picture.pixels), float) for picture in (source, distorted))
-        fit = fit_images(starting_lens(arguments), first, second, center=arguments.fit_center, loss=arguments.loss)
+        fit = fit_images(
+            starting_lens(arguments),
+            first,
+            second,
+            center=arguments.fit_center,
+            search=arguments.start is None,
+            loss=arguments.loss,
+        )
         figures = None
         if arguments.plots is not None:
             import numpy as np

@@ -63,7 +63,14 @@ def run(arguments: Arguments) -> int:
         number, points = np.asarray(columns["line"]), np.stack([columns["x"], columns["y"]], axis=-1)
         lines = [points[number == one] for one in np.unique(number)]
         frame, unit = frame_and_unit(size)
-        fit = fit_lines(starting_lens(arguments), lines, frame=frame, center=arguments.fit_center, loss=arguments.loss)
+        fit = fit_lines(
+            starting_lens(arguments),
+            lines,
+            frame=frame,
+            center=arguments.fit_center,
+            search=arguments.start is None,
+            loss=arguments.loss,
+        )
         figures = None
         if arguments.plots is not None:
             from jaxlens.experiments.figures.fits import curve_figure, lines_figure

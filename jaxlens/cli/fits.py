@@ -15,6 +15,7 @@ from tyro.conf import arg
 
 from jaxlens.cli.errors import CommandError, UsageError
 from jaxlens.cli.messages import say
+from jaxlens.cli.values import Numbers, numbers
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,13 +43,20 @@ class FitArguments:
     """How to fit, and where the result goes."""
 
     model: Model = "radial"
-    """The lens: 1 + κ1 r² + κ2 r⁴ + …, the division model, or OpenCV's k1 k2 p1 p2 k3 ..."""
+    """The lens: 1 + κ1 r² + κ2 r⁴ + …, the division model, or OpenCV's k1 k2 p1 p2 k3 and so on."""
 
     terms: Annotated[Optional[int], arg(metavar="N", help_behavior_hint="(default: radial 2, brown-conrady 5)")] = None
-    """How many coefficients it has."""
+    """How many coefficients the lens has."""
+
+    start: Annotated[
+        Optional[Numbers],
+        numbers("K1 [K2 ...]", largest=1e6),
+        arg(help_behavior_hint="(default: zeros, or what a search finds)"),
+    ] = None
+    """The coefficients from which the fit starts; those left out are zero."""
 
     loss: Loss = "linear"
-    """huber or cauchy where some of the data are wrong."""
+    """How residuals count; huber and cauchy are for data some of which are wrong."""
 
     output: Annotated[Optional[Path], arg(metavar="LENS.json", aliases=["-o"], help_behavior_hint="")] = None
     """Write the lens, with its covariance, for --lens of distort and undistort."""
@@ -70,6 +78,12 @@ def check_fit_arguments(arguments: FitArguments) -> None:
     if arguments.terms is not None and arguments.terms not in allowed:
         listed = ", ".join(str(count) for count in sorted(set(allowed)))
         raise UsageError(f"--terms of the {arguments.model} lens can be {listed}; got {arguments.terms}")
+    terms = _terms(arguments)
+    if arguments.start is not None and len(arguments.start) > terms:
+        raise UsageError(
+            f"--start has {len(arguments.start)} coefficients, and the {arguments.model} lens {terms}; leave some out, "
+            "or pass --terms"
+        )
     if arguments.output is not None:
         if arguments.output.is_dir():
             raise UsageError(f"--output {str(arguments.output)!r} is a folder; name a file, such as lens.json")
@@ -132,13 +146,18 @@ def frame_and_unit(size: tuple[int, int] | None) -> "tuple[Frame, str]":
 
 
 def starting_lens(arguments: FitArguments) -> "Lens":
-    """Returns the lens without distortion to start from."""
+    """Returns the lens to start from: that of --start, or the one without distortion."""
     from jaxlens.lenses import BrownConrady, Division, RadialPolynomial
 
-    terms = _TERMS[arguments.model][0] if arguments.terms is None else arguments.terms
+    given = arguments.start or ()
+    coefficients = [*given, *[0.0] * (_terms(arguments) - len(given))]
     if arguments.model == "division":
-        return Division(0.0)
-    return (RadialPolynomial if arguments.model == "radial" else BrownConrady)([0.0] * terms)
+        return Division(coefficients[0])
+    return (RadialPolynomial if arguments.model == "radial" else BrownConrady)(coefficients)
+
+
+def _terms(arguments: FitArguments) -> int:
+    return _TERMS[arguments.model][0] if arguments.terms is None else arguments.terms
 
 
 @contextlib.contextmanager

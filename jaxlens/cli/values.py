@@ -27,7 +27,7 @@ _LARGEST = 3e38
 def numbers(
     metavar: str, *, count: int | None = None, largest: float = _LARGEST, nan: bool = False
 ) -> PrimitiveConstructorSpec[Any]:
-    """Returns how to read an option that takes numbers.
+    """Returns how to read an option that takes numbers, with spaces or commas between.
 
     Args:
         metavar: Stands for them in the help.
@@ -38,7 +38,7 @@ def numbers(
     return PrimitiveConstructorSpec(
         nargs="*" if count is None else count,
         metavar=metavar,
-        instance_from_str=partial(_read_numbers, largest=largest, nan=nan),
+        instance_from_str=partial(_read_numbers, count=count, largest=largest, nan=nan),
         is_instance=lambda value: isinstance(value, Numbers),
         # For the help's defaults; an option that may be left out has None there, and its own words.
         str_from_instance=lambda value: [f"{number:g}" for number in value or ()],
@@ -56,10 +56,13 @@ def paths(metavar: str) -> PrimitiveConstructorSpec[Any]:
     )
 
 
-def _read_numbers(words: list[str], *, largest: float, nan: bool) -> Numbers:
+def _read_numbers(words: list[str], *, count: int | None, largest: float, nan: bool) -> Numbers:
     if not words:
         raise ValueError("it takes at least one number, got none")
-    return Numbers(_read_number(word, largest, nan) for word in words)
+    found = Numbers(_read_number(part, largest, nan) for word in words for part in word.split(","))
+    if count is not None and len(found) != count:
+        raise ValueError(f"it takes {count} numbers, got {len(found)}")
+    return found
 
 
 def _read_number(word: str, largest: float, nan: bool) -> float:

@@ -139,6 +139,27 @@ def _views(count, *, tilted=True):
 HEADER = "view,corner,board_x,board_y,x,y"
 
 
+@pytest.mark.parametrize("start", [("-0.19", "0.04"), ("-0.19,0.04",)])
+def test_a_fit_starts_where_it_is_told(run, points, tmp_path, x64, start, monkeypatch):
+    started = []
+    for name in ("fit_points", "fit_lines", "fit_images"):
+        monkeypatch.setattr(jl.fitting, name, lambda lens, *_, **options: started.append((lens, options)) or 1 / 0)
+    write_image(tmp_path / "a.png", Picture(np.zeros((50, 60), np.uint8)))
+    lines = _table(tmp_path / "lines.csv", "line,x,y", [np.zeros(5), np.arange(5.0), np.arange(5.0)])
+    for words in (("points", points), ("lines", lines), ("images", tmp_path / "a.png", tmp_path / "a.png")):
+        size = () if words[0] == "images" else ("--image-size", "160x120")
+        run("fit", *words, *size, "--terms", "3", "--start", *start)
+        lens, options = started.pop()
+        np.testing.assert_array_equal(lens.coefficients, [-0.19, 0.04, 0.0])
+        assert options.get("search", False) is False
+        run("fit", *words, *size)
+        lens, options = started.pop()
+        np.testing.assert_array_equal(lens.coefficients, [0.0, 0.0])
+        assert options.get("search", True) is True
+    refused = run("fit", "lines", lines, "--model", "division", "--start", "0.1", "0.2")
+    assert (refused.code, "--start has 2 coefficients, and the division lens 1" in refused.err) == (2, True)
+
+
 def test_calibrate_from_corners(run, tmp_path):
     table = _table(tmp_path / "corners.csv", HEADER, [_views(8)])
     output, plots = tmp_path / "camera.json", tmp_path / "plots"
