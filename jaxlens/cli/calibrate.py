@@ -39,7 +39,7 @@ class Arguments(FitArguments):
     """Pictures of the board, or folders of them, which are not searched deeper; not with --corners."""
 
     model: Model = "brown-conrady"
-    """The lens: OpenCV's k1 k2 p1 p2 k3 ..., 1 + κ1 r² + κ2 r⁴ + …, or the division model."""
+    """The lens: 1 + κ1 r² + κ2 r⁴ + …, the division model, or OpenCV's k1 k2 p1 p2 k3 and so on."""
 
     board: Annotated[Optional[str], arg(metavar="COLUMNSxROWS", help_behavior_hint="")] = None
     """The board's inner corners, such as 9x6."""
@@ -48,7 +48,7 @@ class Arguments(FitArguments):
     """The side of a square, in the unit that the poses shall have."""
 
     corners: Annotated[Optional[Path], arg(metavar="FILE.csv", help_behavior_hint="")] = None
-    """Corners found elsewhere."""
+    """A table of corners that were found elsewhere; its columns are listed above."""
 
     image_size: Annotated[Optional[str], arg(metavar="WIDTHxHEIGHT", help_behavior_hint="")] = None
     """The pictures' size in pixels, with --corners."""

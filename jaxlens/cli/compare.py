@@ -53,7 +53,9 @@ class Arguments:
     image: Annotated[Path, Positional, arg(metavar="IMAGE", help_behavior_hint="")]
     """The picture to measure."""
 
-    data_range: Annotated[Optional[float], arg(metavar="X", help_behavior_hint="(default: 255, 65535)")] = None
+    data_range: Annotated[
+        Optional[float], arg(metavar="X", help_behavior_hint="(default: 255 with 8 bits, 65535 with 16)")
+    ] = None
     """The difference between white and black, in gray levels."""
 
     json: Annotated[bool, arg(help_behavior_hint="")] = False

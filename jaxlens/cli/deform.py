@@ -46,7 +46,7 @@ class Arguments:
     """The new picture or mesh; its suffix is its format."""
 
     control: Annotated[Optional[Path], arg(metavar="FILE.csv", help_behavior_hint="")] = None
-    """Control points that are moved."""
+    """A table of the control points that are moved; its columns are listed above."""
 
     degrees: Annotated[Optional[str], arg(metavar="MxN[xL]", help_behavior_hint="(default: 3 each way)")] = None
     """Degrees of the lattice: one less than its columns, rows and layers."""
@@ -58,19 +58,19 @@ class Arguments:
     """Top left, top right, bottom right and bottom left corner, in pixels, of what shall become the whole picture."""
 
     size: Annotated[Optional[str], arg(metavar="WIDTHxHEIGHT", help_behavior_hint="(default: as its sides are)")] = None
-    """Of the rectified picture."""
+    """The size of the rectified picture in pixels."""
 
     kappa: Annotated[Optional[Numbers], numbers("K1 [K2 ...]", largest=1e6), arg(help_behavior_hint="")] = None
     """A lens for a mesh, in half diagonals of its bounding box as seen from the front."""
 
     lens: Annotated[Optional[Path], arg(metavar="FILE.json", help_behavior_hint="")] = None
-    """The same, of a calibration."""
+    """A calibration that jaxlens fit or jaxlens calibrate wrote, whose lens is taken in place of --kappa."""
 
     method: Method = "bilinear"
     """How to read between pixels."""
 
     quality: Annotated[Optional[int], arg(metavar="1-100", help_behavior_hint="(default: 95, WebP lossless)")] = None
-    """Of JPEG and WebP files."""
+    """How good JPEG and WebP files are; the better, the larger."""
 
     overwrite: Annotated[bool, arg(help_behavior_hint="")] = False
     """Replace a file that exists."""

@@ -42,19 +42,19 @@ class Arguments(View):
     """A mesh, or a picture of depths."""
 
     output: Annotated[Path, arg(metavar="DIR", aliases=["-o"])]
-    """A folder, which is made if need be."""
+    """The folder for the four files, which is made if need be."""
 
     source: Annotated[
         Optional[Numbers], numbers("X Y", count=2, largest=1e6), arg(help_behavior_hint="(default: the nose tip)")
     ] = None
     """The point to measure from, in pixels."""
 
-    relief: Annotated[Optional[float], arg(metavar="PIXELS", help_behavior_hint="(default: see below)")] = None
-    """Of a picture: how high white stands over black; by default a quarter of its shorter side, and of a floating
-    picture such that its values are pixels."""
+    relief: Annotated[Optional[float], arg(metavar="PIXELS", help_behavior_hint="")] = None
+    """Of a picture: how high white stands over black.
+    By default it is a quarter of the shorter side; the values of a floating picture are pixels as they are."""
 
     step: Annotated[Optional[float], arg(metavar="LENGTH", help_behavior_hint="(default: about twelve curves)")] = None
-    """From one curve of equal distance to the next."""
+    """How much farther the next curve of equal distance is than the one before."""
 
     max_points: Annotated[Optional[int], arg(metavar="N", help_behavior_hint="(default: 1 million)")] = None
     """Take a surface with more points coarser, so that it has at most as many; the time grows faster than they do."""

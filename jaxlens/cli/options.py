@@ -26,8 +26,8 @@ class WarpArguments:
     """Pictures (PNG, JPEG, TIFF, WebP, BMP, PNM, GIF, AVIF), or folders of them, which are not searched deeper."""
 
     output: Annotated[str, arg(metavar="PATH", aliases=["-o"])]
-    """For one picture its new file, or a folder that exists or ends in a slash; for several, or a folder of them, a
-    folder, which is made if need be. The suffix of a file is its format."""
+    """For one picture its new file, whose suffix is its format, or a folder that exists or ends in a slash.
+    For several pictures, or a folder of them, a folder, which is made if need be."""
 
     kappa: Annotated[
         Optional[Numbers], numbers("K1 [K2 ...]", largest=1e6), arg(aliases=["-k"], help_behavior_hint="")
@@ -35,21 +35,22 @@ class WarpArguments:
     """The lens Φ(r²) = 1 + κ1 r² + κ2 r⁴ + …, r in half-diagonals from its centre; κ < 0 is barrel, > 0 pincushion."""
 
     lens: Annotated[Optional[Path], arg(metavar="FILE", help_behavior_hint="")] = None
-    """In place of --kappa, the lens of a calibration that jaxlens fit or jaxlens calibrate wrote."""
+    """A calibration that jaxlens fit or jaxlens calibrate wrote, whose lens is taken in place of --kappa."""
 
     method: Method = "bilinear"
     """How to read between pixels; bicubic is Keys's kernel, bicubic_opencv that of OpenCV."""
 
     border: Border = "constant"
-    """What lies outside the picture: the fill value, its last pixels repeated, its mirror image, its other side."""
+    """What lies outside the picture: the fill value, its last pixels repeated, its mirror image, or its other side."""
 
     fill: Annotated[
         Optional[Numbers],
         numbers("VALUE [VALUE ...]", nan=True),
         arg(help_behavior_hint="(default: black, or transparent)"),
     ] = None
-    """The value of pixels without a source, for all channels or for each, on the picture's own scale (8 bits end at
-    255, 16 at 65535; NaN is for floating ones); with alpha, it is opaque unless an alpha is given last."""
+    """The value of pixels without a source: one number for all channels, or one for each.
+    It is on the picture's own scale: 8 bits end at 255, 16 bits at 65535, and NaN is for floating pictures.
+    In a picture with alpha the fill is opaque, unless its alpha is given last."""
 
     crop: Annotated[bool, arg(help_behavior_hint="")] = False
     """Keep only the largest upright rectangle without border."""
@@ -65,7 +66,7 @@ class WarpArguments:
     """The lens's centre in pixels from the centre of the first one, to the right and down."""
 
     quality: Annotated[Optional[int], arg(metavar="1-100", help_behavior_hint="(default: 95, WebP lossless)")] = None
-    """Of JPEG and WebP files."""
+    """How good JPEG and WebP files are; the better, the larger."""
 
     overwrite: Annotated[bool, arg(help_behavior_hint="")] = False
     """Replace files that exist."""

@@ -29,10 +29,10 @@ class View:
     """How a mesh is seen, and how a picture is a surface."""
 
     size: Annotated[Optional[str], arg(metavar="WIDTHxHEIGHT", help_behavior_hint="(default: 512x512)")] = None
-    """Of a mesh: pixels of its picture."""
+    """Of a mesh: the size of its picture in pixels."""
 
     projection: Literal["orthographic", "perspective"] = "orthographic"
-    """Of a mesh."""
+    """Of a mesh: how it is seen."""
 
     field_of_view: Annotated[float, arg(metavar="DEGREES")] = 30.0
     """Of a mesh in perspective: the angle that the picture's height spans."""

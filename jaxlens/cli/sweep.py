@@ -34,8 +34,10 @@ class Arguments:
     image: Annotated[Optional[Path], arg(metavar="FILE", help_behavior_hint="(default: the configuration's)")] = None
     """Another picture to run it on."""
 
-    output: Annotated[Optional[Path], arg(metavar="DIR", help_behavior_hint="(default: the configuration's)")] = None
-    """Another folder to write."""
+    output: Annotated[
+        Optional[Path], arg(metavar="DIR", aliases=["-o"], help_behavior_hint="(default: results/ and its name)")
+    ] = None
+    """The folder for the results, which is made if need be."""
 
 
 def run(arguments: Arguments) -> int:

@@ -1,5 +1,6 @@
 import ast
 import importlib
+import itertools
 import json
 import os
 import signal
@@ -201,6 +202,21 @@ def test_an_interruption_leaves_nothing(tmp_path, number, code, wait):
     assert "Traceback" not in err
     assert ("interrupted" in err) == (number == signal.SIGINT)
     assert [path.name for path in tmp_path.iterdir()] == ["in.ppm"]
+
+
+def test_the_help_of_an_option_is_of_whole_sentences():
+    """A line of a docstring is a line of the help: one that ends within a sentence breaks off there."""
+    seen = 0
+    for path in sorted((ROOT / "jaxlens" / "cli").glob("*.py")):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for owner in (node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)):
+            for field, text in itertools.pairwise(owner.body):
+                if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr):
+                    lines = ast.literal_eval(text.value).splitlines()
+                    broken = [line for line in lines if not line.endswith(".") or len(line) < 12]
+                    assert not broken, f"{path.name}, {ast.unparse(field.target)}: {broken}"
+                    seen += 1
+    assert seen > 60
 
 
 def test_choices_are_those_of_the_library():
