@@ -10,7 +10,7 @@ from typing import Literal
 from jaxlens.calibrations import Calibration, CalibrationError
 from jaxlens.cli.calibrations import load_calibration
 from jaxlens.cli.errors import CommandError, UsageError, describe_unexpected, wants_traceback
-from jaxlens.cli.jobs import Job
+from jaxlens.cli.jobs import Job, has_quality
 from jaxlens.cli.messages import say
 from jaxlens.cli.options import WarpArguments
 from jaxlens.cli.pictures import describe, read_picture, write_picture
@@ -18,8 +18,6 @@ from jaxlens.files import unless_finished
 from jaxlens.images import Picture
 
 Direction = Literal["distort", "undistort"]
-
-_WITH_QUALITY = (".jpg", ".jpeg", ".webp")
 
 
 def warp_files(jobs: Sequence[Job], arguments: WarpArguments, direction: Direction) -> int:
@@ -59,12 +57,8 @@ def warp_files(jobs: Sequence[Job], arguments: WarpArguments, direction: Directi
 
 
 def _check_quality(jobs: Sequence[Job], quality: int | None) -> None:
-    if quality is not None and not any(_has_quality(job.target) for job in jobs):
+    if quality is not None and not any(has_quality(job.target) for job in jobs):
         raise UsageError(f"--quality {quality} is for JPEG and WebP, and none will be written; leave it out")
-
-
-def _has_quality(path: Path) -> bool:
-    return path.suffix.lower() in _WITH_QUALITY
 
 
 def _warp_file(
@@ -75,7 +69,7 @@ def _warp_file(
     warped = _warp_picture(picture, job.source, arguments, calibration, direction, told)
     if job.folder is not None:
         _make_folder(job.folder)
-    quality = arguments.quality if _has_quality(job.target) else None
+    quality = arguments.quality if has_quality(job.target) else None
     write_picture(job.target, warped, overwrite=arguments.overwrite, quality=quality)
     return f"{str(job.target)!r} ({describe(warped)})"
 

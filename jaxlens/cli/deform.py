@@ -11,8 +11,9 @@ from tyro.conf import Positional, arg
 
 from jaxlens.cli.errors import UsageError
 from jaxlens.cli.fits import parse_size
+from jaxlens.cli.jobs import check_picture_file, has_quality
 from jaxlens.cli.meshes import is_mesh
-from jaxlens.cli.options import Method, check_file, check_max_pixels
+from jaxlens.cli.options import Method, check_file, check_max_pixels, check_quality
 from jaxlens.cli.values import Numbers, numbers
 
 HELP = """Deform a picture or a mesh: free-form, in perspective, or by a lens.
@@ -83,6 +84,7 @@ def run(arguments: Arguments) -> int:
     """Runs the command; returns the exit code."""
     check_file(arguments.file)
     check_max_pixels(arguments.max_pixels)
+    check_quality(arguments.quality)
     _check_output(arguments)
     given = [name for name in ("control", "corners", "kappa", "lens") if getattr(arguments, name) is not None]
     mesh = is_mesh(arguments.file)
@@ -100,8 +102,9 @@ def run(arguments: Arguments) -> int:
         raise UsageError(f"--continuity is 0 or more, got {arguments.continuity}")
     size = None if arguments.size is None else parse_size(arguments.size, "--size")
     degrees = _degrees(arguments.degrees, 3 if mesh else 2)
-    if arguments.control is not None:
-        check_file(arguments.control)
+    for path in (arguments.control, arguments.lens):
+        if path is not None:
+            check_file(path)
     if mesh:
         from jaxlens.cli.deforming import deform_mesh_file
 
@@ -121,6 +124,10 @@ def _check_output(arguments: Arguments) -> None:
         raise UsageError(f"--output {str(path)!r} exists; pass --overwrite to replace it")
     if is_mesh(path) != is_mesh(arguments.file):
         raise UsageError(f"--output {str(path)!r}: a mesh becomes a mesh, and a picture a picture")
+    if not is_mesh(path):
+        check_picture_file(path)
+    if arguments.quality is not None and not has_quality(path):
+        raise UsageError(f"--quality {arguments.quality} is for JPEG and WebP; leave it out")
 
 
 def _degrees(text: str | None, dimensions: int) -> tuple[int, ...]:

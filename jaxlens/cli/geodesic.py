@@ -68,6 +68,8 @@ class Arguments(View):
 
 # Points that take a minute or two where the surface is as rough as noise, and much less where it is smooth.
 _MAX_POINTS = 1_000_000
+# More curves than that nobody can tell apart, and they take hours.
+_MOST_CURVES = 2000
 _FILES = ("geodesic.tif", "radial.tif", "curves.csv", "distances.png")
 
 
@@ -140,6 +142,11 @@ def _measure(arguments: Arguments) -> None:
         raise CommandError(f"{str(arguments.file)!r}: no pixel but the source can be reached")
     unit = "units" if is_mesh(arguments.file) else "pixels"
     step = _round_step(farthest / 12) if arguments.step is None else arguments.step
+    if farthest / step > _MOST_CURVES:
+        raise CommandError(
+            f"--step {step:g} asks for {farthest / step:.0f} curves up to the farthest point, {farthest:.6g} {unit} "
+            f"away, more than {_MOST_CURVES}; pass at least {farthest / _MOST_CURVES:.3g}"
+        )
     levels = step * np.arange(1, int(farthest / step) + 1)
     lines = ["distance,curve,x,y"]
     for level, curves in zip(levels, iso_distance_curves(found.geodesic, levels), strict=True):

@@ -54,7 +54,8 @@ def plan_jobs(inputs: tuple[Path, ...], output: str) -> list[Job]:
     path = Path(output)
     names_folder = path.is_dir() or output.endswith(("/", os.sep))
     if len(inputs) == 1 and not inputs[0].is_dir() and not names_folder:
-        return [Job(sources[0], _checked_file(path), None)]
+        check_picture_file(path)
+        return [Job(sources[0], path, None)]
     _check_folder(path, named_so=names_folder)
     return _without_clashes([Job(source, path / _name_for(source), path) for source in sources])
 
@@ -102,7 +103,17 @@ def _unread(folder: Path) -> dict[str, str]:
     return found
 
 
-def _checked_file(output: Path) -> Path:
+def has_quality(path: Path) -> bool:
+    """Tells by its suffix whether a picture is written with a quality."""
+    return path.suffix.lower() in (".jpg", ".jpeg", ".webp")
+
+
+def check_picture_file(output: Path) -> None:
+    """Refuses what no picture can be written to.
+
+    Raises:
+        UsageError: no picture is written with its suffix, or its folder does not exist.
+    """
     if not _is_writable_name(output):
         from jaxlens.images import WRITABLE_SUFFIXES
 
@@ -112,7 +123,6 @@ def _checked_file(output: Path) -> Path:
         )
     if not output.parent.is_dir():
         raise _no_parent(output)
-    return output
 
 
 def _check_folder(output: Path, *, named_so: bool) -> None:

@@ -91,11 +91,20 @@ def check_options(options: WarpArguments) -> None:
         if options.center is not None:
             raise UsageError("--center goes with --kappa; a calibration has a centre of its own: leave it out")
         check_file(options.lens)
-    if options.quality is not None and not 1 <= options.quality <= 100:
-        raise UsageError(f"--quality is from 1 to 100, got {options.quality}")
+    check_quality(options.quality)
     if options.fill is not None and len(options.fill) > 4:
         raise UsageError(f"--fill takes one number, or one for each channel, got {len(options.fill)}")
     check_max_pixels(options.max_pixels)
+
+
+def check_quality(quality: int | None) -> None:
+    """Refuses a quality that no file has.
+
+    Raises:
+        UsageError: it is out of bounds.
+    """
+    if quality is not None and not 1 <= quality <= 100:
+        raise UsageError(f"--quality is from 1 to 100, got {quality}")
 
 
 def check_max_pixels(max_pixels: int | None) -> None:

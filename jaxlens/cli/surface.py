@@ -77,8 +77,14 @@ def run(arguments: Arguments) -> int:
             _check_output(path, suffixes, arguments.overwrite)
     if not 0 <= arguments.perspective < 0.7:
         raise UsageError(f"--perspective is from 0 to below 0.7, got {arguments.perspective:g}")
-    if arguments.smoothing < 0:
-        raise UsageError(f"--smoothing is not negative, got {arguments.smoothing:g}")
+    for name, low, high, unit in (
+        ("smoothing", 0, 10_000, "pixels"),
+        ("azimuth", -360, 360, "degrees"),
+        ("elevation", -360, 360, "degrees"),
+    ):
+        value = getattr(arguments, name)
+        if not low <= value <= high:
+            raise UsageError(f"--{name} is from {low} to {high} {unit}, got {value:g}")
     if is_mesh(arguments.file):
         _show_mesh(arguments)
     else:

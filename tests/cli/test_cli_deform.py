@@ -111,10 +111,13 @@ def test_a_lens_bends_a_mesh(run, mesh, tmp_path):
         (("--corners", *SQUARE, "--degrees", "2x2"), "--degrees goes with --control"),
         (("--corners", *["1", "1", "9", "9", "9", "1", "1", "9"]), "--corners: "),
         (("--control", "missing.csv"), "there is no file 'missing.csv'"),
+        (("--corners", *SQUARE, "--quality", "90"), "--quality 90 is for JPEG and WebP"),
+        (("--corners", *SQUARE, "--quality", "101"), "--quality is from 1 to 100, got 101"),
+        (("--corners", *SQUARE, "--output", "out.xyz"), "suffix '.xyz', which no picture is written with"),
     ],
 )
 def test_misuse_with_a_picture(run, picture, tmp_path, words, message):
-    result = run("deform", picture, *words, "--output", tmp_path / "out.png")
+    result = run("deform", picture, "--output", tmp_path / "out.png", *words)
     assert (result.code, message in result.err) == (2, True), result.err
     assert not (tmp_path / "out.png").exists()
 
@@ -139,6 +142,8 @@ def test_misuse_with_a_mesh(run, mesh, picture, tmp_path):
     assert "a mesh becomes a mesh" in run("deform", mesh, "--kappa", "0.1", "--output", tmp_path / "out.png").err
     result = run("deform", mesh, "--corners", *SQUARE, "--output", tmp_path / "out.obj")
     assert "a mesh takes one of --control or --kappa or --lens, got --corners" in result.err
+    result = run("deform", mesh, "--lens", "missing.json", "--output", tmp_path / "out.obj")
+    assert (result.code, "there is no file 'missing.json'" in result.err) == (2, True)
     (tmp_path / "out.obj").write_text("mine")
     result = run("deform", mesh, "--kappa", "0.1", "--output", tmp_path / "out.obj")
     assert (result.code, "pass --overwrite" in result.err) == (2, True)

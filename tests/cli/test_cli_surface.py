@@ -136,6 +136,10 @@ def test_holes_stay_where_a_surface_is_taken_coarser(run, tmp_path):
         (("surface", "FILE", "--output", "OUT.jpg"), 2, "must end in .png"),
         (("surface", "FILE", "--size", "0x9", "--output", "OUT.png"), 2, "--size is two counts"),
         (("surface", "FILE", "--perspective", "0.9", "--output", "OUT.png"), 2, "--perspective is from 0"),
+        (("surface", "FILE", "--smoothing", "nan", "--output", "OUT.png"), 2, "--smoothing is from 0 to 10000 pixels"),
+        (("surface", "FILE", "--azimuth", "inf", "--output", "OUT.png"), 2, "--azimuth is from -360 to 360 degrees"),
+        (("surface", "FILE", "--elevation", "nan", "--output", "OUT.png"), 2, "--elevation is from -360 to 360"),
+        (("geodesic", "FILE", "--size", "32x32", "--step", "1e-6", "--output", "OUT"), 1, "curves up to the farthest"),
         (("surface", "FILE", "--field-of-view", "180", "--output", "OUT.png"), 2, "--field-of-view is between"),
     ],
 )
