@@ -29,6 +29,7 @@ def obey_signals() -> None:
         # A signal that is ignored (nohup) stays so; that of Ctrl-C has a handler of Python's own.
         if signal.getsignal(number) == signal.SIG_DFL:
             signal.signal(number, _raise)
+    sys.unraisablehook = _tell_unraisable
     # Sockets, for Windows knows no other.
     receiver, sender = socket.socketpair()
     sender.setblocking(False)
@@ -48,6 +49,13 @@ def leave(code: int) -> NoReturn:
 def _raise(number: int, _frame: object) -> NoReturn:
     # An exception unwinds, so that temporary files are removed.
     raise SystemExit(128 + number)
+
+
+def _tell_unraisable(unraisable: "sys.UnraisableHookArgs") -> None:
+    # In a finalizer, or a callback of the garbage collector, what the signal raises is lost, and the process ends all
+    # the same.
+    if not isinstance(unraisable.exc_value, KeyboardInterrupt | SystemExit):
+        sys.__unraisablehook__(unraisable)
 
 
 def _watch(receiver: socket.socket, _sender: socket.socket) -> None:

@@ -58,7 +58,8 @@ def evaluate_in_strips(
     parts = []
     for first in range(0, height, rows):
         last = min(first + rows, height)
-        x, y, _ = check_images(*(one[first : last + overlap] for one in (reference, image)), None)
+        rest = slice(first, last + overlap)
+        x, y, _ = check_images(reference[rest], image[rest], None)
         parts.append(_measure(x, y, data_range, (last - first) * (np.size(reference) // height), own=last - first))
     columns = {name: jnp.stack([part[name] for part in parts]) for name in parts[0]}
     return _combined(columns, data_range)

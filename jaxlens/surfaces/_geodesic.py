@@ -114,8 +114,7 @@ def _joint_distance(
     padded = padded_depth(depth_map)
     heights = jax.vmap(lambda point: cubic_at(padded, point))(points)
     sources = jnp.concatenate([points * spacing[None], heights[:, None]], axis=1)
-    fixed = jax.tree.map(lax.stop_gradient, (depth_map, points, sources))
-    field = _solved(*fixed, progress)
+    field = _solved(*jax.tree.map(lax.stop_gradient, (depth_map, points, sources)), progress=progress)
     u = _excess(depth, spacing, sources, *field)
     label = field[1].label
     chord = length(Field(depth, mask, spacing, sources, label, mask).offsets())
@@ -123,7 +122,7 @@ def _joint_distance(
     return jnp.where(mask, distances, jnp.nan)
 
 
-def _solved(depth_map: DepthMap, points: Array, sources: Array, progress: Progress) -> tuple[Array, Field]:
+def _solved(depth_map: DepthMap, points: Array, sources: Array, *, progress: Progress) -> tuple[Array, Field]:
     """Returns u, and the field with the pixels' sources and those that are still beside theirs."""
     depth, mask, spacing = depth_map.depth, depth_map.mask, depth_map.spacing
     label, beside = _beside(depth, spacing, points, sources)

@@ -9,6 +9,7 @@ u = T − |X − S|, is zero on planes and smooth at the source. So u is interpo
 """
 
 from collections.abc import Callable
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -252,12 +253,16 @@ def smallest_excess(
             u, label = sweep(u, label, direction)
         lowered = total(u, label) < old - tolerance
         if progress is not None:
-            jax.debug.callback(lambda count: progress(lowered.size - int(count), lowered.size), jnp.sum(lowered))
+            jax.debug.callback(partial(_tell, progress, lowered.size), jnp.sum(lowered))
         return count + 1, u, label, jnp.any(lowered)
 
     start = jnp.where(field.mask & ~field.free, 0, FAR).astype(field.depth.dtype)
     _, u, label, _ = lax.while_loop(unfinished(start), body, (0, start, field.label, jnp.array(True)))
     return u, label
+
+
+def _tell(progress: Callable[[int, int], None], total: int, lowered: Int[ArrayLike, ""]) -> None:
+    progress(total - int(lowered), total)
 
 
 def _threes(row: Array) -> tuple[Array, Array, Array]:
