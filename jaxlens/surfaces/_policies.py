@@ -261,7 +261,7 @@ def smallest_excess(
     return u, label
 
 
-def _tell(progress: Callable[[int, int], None], total: int, lowered: Int[ArrayLike, ""]) -> None:
+def _tell(progress: Callable[[int, int], None], total: int, lowered: Int[Array, ""]) -> None:
     progress(total - int(lowered), total)
 
 
