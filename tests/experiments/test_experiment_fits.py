@@ -48,7 +48,13 @@ def test_lenses_come_back(tmp_path):
     config = tmp_path / "inversion.toml"
     config.write_text(INVERSION)
     report = experiments.run(config, output=tmp_path / "out", quiet=True)
-    assert [path.name for path in report.files] == ["errors.png", "errors.svg", "manifest.json", "table.csv"]
+    assert [path.name for path in report.files] == [
+        "errors.png",
+        "errors.svg",
+        "manifest.json",
+        "run.json",
+        "table.csv",
+    ]
     rows = _rows(tmp_path / "out" / "table.csv")
     assert [(row["from"], float(row["noise"]), int(row["fits"]), int(row["failed"])) for row in rows] == [
         ("points", 0.0, 50, 0),

@@ -13,6 +13,7 @@ from jaxlens.experiments import ExperimentError, config, run
 from jaxlens.experiments.schema import Warp
 from jaxlens.experiments.sweeping import estimated_bytes, lanes_within, sweep
 from jaxlens.experiments.tables import csv_text
+from jaxlens.files import file_sha256
 
 FILES = [
     "coverage.png",
@@ -21,6 +22,7 @@ FILES = [
     "manifest.json",
     "metrics.png",
     "metrics.svg",
+    "run.json",
     "table.csv",
 ]
 METRICS = ["snr", "psnr", "rmse", "mae", "mse", "range_snr", "uqi", "ssim", "minkowski", "coverage"]
@@ -38,7 +40,7 @@ def test_a_second_run_gives_the_same_bytes_and_replaces_the_first(first_run, fol
     assert [path.name for path in second.files] == FILES
     after = contents(second.folder)
     for found in (before, after):
-        del found["manifest.json"]
+        del found["run.json"]
     assert after == before
     assert [path.name for path in Path("results").iterdir()] == ["tiny"]
 
@@ -62,9 +64,17 @@ def test_the_manifest(first_run):
     assert (manifest["dtype"], manifest["seed"]) == ("float64", 0)
     assert manifest["configuration_sha256"] == config.load(first_run.config).digest()
     assert manifest["inputs"][0]["file"] == "tiny.png"
-    assert {"python", "jax", "jaxlib", "numpy", "jaxlens"} <= set(manifest["versions"])
-    assert sorted([*manifest["files"], "manifest.json"]) == FILES
+    assert sorted([*manifest["files"], "manifest.json", "run.json"]) == FILES
     assert str(first_run.config.parent) not in text
+
+
+def test_the_record_of_the_run_holds_what_differs_from_run_to_run(first_run):
+    record = json.loads((first_run.report.folder / "run.json").read_text())
+    assert record == first_run.report.record
+    assert {"python", "jax", "jaxlib", "numpy", "jaxlens"} <= set(record["versions"])
+    assert {"commit", "source_sha256", "device", "platform", "date", "seconds"} <= set(record)
+    assert not set(record) & set(first_run.report.manifest)
+    assert record["manifest_sha256"] == file_sha256(first_run.report.folder / "manifest.json")
 
 
 def test_the_report_shows_ours_the_papers_and_what_holds(first_run):
