@@ -15,7 +15,7 @@ from jaxlens.cli.options import check_file, check_max_pixels
 from jaxlens.cli.surfaces import View, check_view, load_surface, save_figure
 from jaxlens.cli.values import Numbers, numbers
 
-HELP = """Measure distances along a surface, from the tip of the nose or another point.
+HELP = """Measure distances along a surface, from its most prominent point or another.
 
 What it does:
   FILE is a mesh (OBJ, PLY, STL), seen from the front, or a picture of depths:
@@ -25,6 +25,10 @@ What it does:
   each straight ray (radial.tif; Eqs. 1 and 2), curves of equal distance
   (curves.csv, pixels) and a drawing (distances.png). Lengths are in the mesh's
   units, or in pixels; NaN is no surface, infinity is out of reach.
+  The most prominent point is what stands out most from its surroundings in
+  the middle of the surface. On the depth map of a face it is the tip of the
+  nose. In a photograph it is a bright spot, wherever the light puts one: give
+  --source there.
 
 Examples:
   jaxlens geodesic head.obj --output distances/
@@ -43,7 +47,9 @@ class Arguments(View):
     """A folder, which is made if need be."""
 
     source: Annotated[
-        Optional[Numbers], numbers("X Y", count=2, largest=1e6), arg(help_behavior_hint="(default: the nose tip)")
+        Optional[Numbers],
+        numbers("X Y", count=2, largest=1e6),
+        arg(help_behavior_hint="(default: the most prominent point)"),
     ] = None
     """The point to measure from, in pixels."""
 
@@ -119,8 +125,9 @@ def _measure(arguments: Arguments) -> None:
     lines = ["distance,curve,x,y"]
     for level, curves in zip(levels, iso_distance_curves(found.geodesic, levels), strict=True):
         lines += [f"{level:.9g},{i},{x:.3f},{y:.3f}" for i, curve in enumerate(curves) for x, y in curve]
+    origin, place = ("the most prominent point",) * 2 if source is None else ("the source", "as given")
     with style():
-        figure = distance_maps(found, step, unit, origin="the nose tip" if source is None else "the source")
+        figure = distance_maps(found, step, unit, origin=origin)
     folder = arguments.output
     try:
         folder.mkdir(exist_ok=True)
@@ -132,7 +139,7 @@ def _measure(arguments: Arguments) -> None:
     except OSError as error:
         raise CommandError(f"cannot write into {str(folder)!r}: {error.strerror or error}") from error
     lost = int(np.isinf(found.geodesic).sum())
-    print(f"source            pixel ({found.source[0]:.2f}, {found.source[1]:.2f})")  # noqa: T201
+    print(f"source            pixel ({found.source[0]:.2f}, {found.source[1]:.2f}), {place}")  # noqa: T201
     print(f"farthest point    {farthest:.6g} {unit} along the surface")  # noqa: T201
     print(f"pixel spacing     {float(surface.spacing[0]):.6g} {unit}")  # noqa: T201
     if lost:

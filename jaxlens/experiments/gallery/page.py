@@ -131,7 +131,8 @@ def _figure(section: Section, stem: str, paths: list[Path], embed: Callable[[Pat
     files = [join(" ", link(path.suffix[1:].upper(), name, path.name)) for path in paths]
     return element(
         "figure",
-        element("div", picture, class_="scroll", role="region", aria_label=f"Figure {stem}", tabindex=0),
+        # On a phone it is as wide as the page, and a touch opens the file.
+        link(picture, name, paths[0].name),
         element("figcaption", caption, element("span", *files, class_="files")),
         id=f"{name}.{stem}",
     )
