@@ -109,10 +109,10 @@ def _measure(arguments: Arguments) -> None:
     from jaxlens.images import Picture
     from jaxlens.surfaces import iso_distance_curves
 
-    surface = load_surface(arguments.file, arguments, arguments.max_pixels, relief=arguments.relief)
+    surface, normals = load_surface(arguments.file, arguments, arguments.max_pixels, relief=arguments.relief)
     source = None if arguments.source is None else np.asarray(arguments.source)
     try:
-        found = measure_distances(surface, source=source)
+        found = measure_distances(surface, source=source, normals=normals)
     except ValueError as error:
         raise CommandError(f"{str(arguments.file)!r}: {error}") from error
     reached = found.geodesic[np.isfinite(found.geodesic)]

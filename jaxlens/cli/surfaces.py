@@ -15,6 +15,7 @@ from jaxlens.cli.meshes import is_mesh, load_mesh
 
 if TYPE_CHECKING:
     import numpy as np
+    from jaxtyping import Array
     from matplotlib.figure import Figure
 
     from jaxlens.images import Picture
@@ -51,8 +52,10 @@ def check_view(view: View) -> None:
         raise UsageError(f"--field-of-view is between 0 and 180 degrees, got {view.field_of_view:g}")
 
 
-def load_surface(path: Path, view: View, max_pixels: int | None, *, relief: float | None = None) -> "DepthMap":
-    """Reads a surface: a mesh, as it is seen; or a picture of depths.
+def load_surface(
+    path: Path, view: View, max_pixels: int | None, *, relief: float | None = None
+) -> "tuple[DepthMap, Array | None]":
+    """Reads a surface, and the normals to light it by: a mesh, as it is seen; or a picture of depths, without any.
 
     Args:
         path: A mesh or a picture. A floating picture holds depths in pixels, NaN where there is no surface; of
@@ -68,21 +71,20 @@ def load_surface(path: Path, view: View, max_pixels: int | None, *, relief: floa
     import numpy as np
 
     from jaxlens.cli.pictures import read_picture
-    from jaxlens.surfaces import DepthMap, from_mesh
+    from jaxlens.surfaces import DepthMap, from_mesh, normals_from_mesh
 
     try:
         if is_mesh(path):
             width, height = _SIZE if view.size is None else parse_size(view.size, "--size")
-            return from_mesh(
-                load_mesh(path), height, width, projection=view.projection, field_of_view=view.field_of_view
-            )
+            mesh, options = load_mesh(path), {"projection": view.projection, "field_of_view": view.field_of_view}
+            return from_mesh(mesh, height, width, **options), normals_from_mesh(mesh, height, width, **options)
         picture = read_picture(path, max_pixels)
         gray, white = gray_values(picture)
         if not np.isfinite(gray).any():
             raise CommandError(f"{str(path)!r} shows no surface: none of its pixels is finite")
         floating = picture.pixels.dtype.kind == "f"
         height = relief if relief is not None else (white if floating else _RELIEF * min(gray.shape))
-        return DepthMap(gray * (height / white))
+        return DepthMap(gray * (height / white)), None
     except ValueError as error:
         raise CommandError(f"{str(path)!r}: {error}") from error
 

@@ -1,3 +1,4 @@
+import io
 import json
 import shutil
 from pathlib import Path
@@ -66,6 +67,28 @@ def test_the_manifest(first_run):
     assert manifest["inputs"][0]["file"] == "tiny.png"
     assert sorted([*manifest["files"], "manifest.json", "run.json"]) == FILES
     assert str(first_run.config.parent) not in text
+
+
+def test_without_a_lens_the_picture_is_identical(folder: Path):
+    text = Path("tiny.toml").read_text(encoding="utf-8").replace("[[0, 1],", "[[0, 0], [0, 1],")
+    Path("tiny.toml").write_text(text, encoding="utf-8")
+    printed = io.StringIO()
+    report = run("tiny.toml", console=Console(file=printed, width=100), progress=Console(quiet=True))
+    header, first, *_ = (line.split(",") for line in (report.folder / "table.csv").read_text().splitlines())
+    row = dict(zip(header, map(float, first), strict=True))
+    assert row["psnr"] == row["snr"] == np.inf
+    assert row["rmse"] == row["mae"] == 0
+    assert "in all 6 rows" in printed.getvalue()
+
+
+def test_the_report_says_that_the_papers_picture_is_not_published(first_run):
+    assert "The paper does not publish its picture" in first_run.stdout
+
+
+def test_figures_have_their_full_colours(first_run):
+    with PIL.Image.open(first_run.report.folder / "errors.png") as picture:
+        assert picture.mode == "RGB"
+        assert len(picture.getcolors(10**7)) > 256
 
 
 def test_the_record_of_the_run_holds_what_differs_from_run_to_run(first_run):
