@@ -1,7 +1,6 @@
 """Coordinate maps: functions from points to points, with exact inverses that say where they exist."""
 
 import abc
-import enum
 
 import equinox as eqx
 import jax
@@ -10,10 +9,10 @@ from jax import lax
 from jaxtyping import Array, ArrayLike, Bool, Float, Int8, PyTree
 
 from jaxlens.newton import determinant, implicit_point_root, solve_points, value_and_jacobian
-from jaxlens.numerics import as_points, jitted, join, numbered, shown, split
+from jaxlens.numerics import Status, as_points, jitted, join, numbered, shown, split
 
 
-class InverseStatus(enum.IntEnum):
+class InverseStatus(Status):
     """Why a point of an inverse is, or is not, valid."""
 
     CONVERGED = 0

@@ -1,6 +1,7 @@
 """Small numerical helpers that every layer of the core shares."""
 
 import dataclasses
+import enum
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar, cast
 
@@ -17,6 +18,16 @@ _PAIRS = {"center": "center_", "principal_point": "c", "focal_length": "f"}
 _FEW = 32
 
 Method = TypeVar("Method", bound=Callable)
+
+
+class Status(enum.IntEnum):
+    """How something ended: stored and compared as a number, printed as a name."""
+
+    def __str__(self) -> str:
+        return self.name
+
+    def __format__(self, specification: str) -> str:
+        return format(self.name, specification)
 
 
 def jitted(method: Method) -> Method:

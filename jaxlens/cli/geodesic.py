@@ -12,10 +12,10 @@ from tyro.conf import Positional, arg
 from jaxlens.cli.errors import CommandError, UsageError
 from jaxlens.cli.messages import say
 from jaxlens.cli.options import check_file, check_max_pixels
-from jaxlens.cli.surfaces import View, check_view, load_coarse_surface
+from jaxlens.cli.surfaces import View, check_view, load_surface
 from jaxlens.cli.values import Numbers, numbers
 
-HELP = """Measure distances along a surface, from the tip of the nose or another point.
+HELP = """Measure distances along a surface, from its most prominent point or another.
 
 What it does:
   FILE is a mesh (OBJ, PLY, STL), seen from the front, or a picture of depths:
@@ -27,6 +27,10 @@ What it does:
   units, or in pixels; NaN is no surface, infinity is out of reach. A surface
   of more than --max-points is taken coarser: it has fewer pixels in the TIFF
   files, while lengths and curves stay in those of the picture.
+  The most prominent point is what stands out most from its surroundings in
+  the middle of the surface. On the depth map of a face it is the tip of the
+  nose. In a photograph it is a bright spot, wherever the light puts one: give
+  --source there.
 
 Examples:
   jaxlens geodesic head.obj --output distances/
@@ -45,7 +49,9 @@ class Arguments(View):
     """The folder for the four files, which is made if need be."""
 
     source: Annotated[
-        Optional[Numbers], numbers("X Y", count=2, largest=1e6), arg(help_behavior_hint="(default: the nose tip)")
+        Optional[Numbers],
+        numbers("X Y", count=2, largest=1e6),
+        arg(help_behavior_hint="(default: the most prominent point)"),
     ] = None
     """The point to measure from, in pixels."""
 
@@ -117,9 +123,7 @@ def _measure(arguments: Arguments) -> None:
     from jaxlens.surfaces import iso_distance_curves
 
     most = _MAX_POINTS if arguments.max_points is None else arguments.max_points
-    loaded = load_coarse_surface(
-        arguments.file, arguments, arguments.max_pixels, relief=arguments.relief, max_points=most
-    )
+    loaded = load_surface(arguments.file, arguments, arguments.max_pixels, relief=arguments.relief, max_points=most)
     surface, factors = loaded.depth_map, np.asarray(loaded.factors)
     height, width = surface.shape
     coarse = (width, height) != loaded.size
@@ -132,7 +136,7 @@ def _measure(arguments: Arguments) -> None:
     source = None if arguments.source is None else (np.asarray(arguments.source) + 0.5) / factors - 0.5
     try:
         with progress_of("distances along the surface") as progress:
-            found = measure_distances(surface, source=source, progress=progress)
+            found = measure_distances(surface, source=source, normals=loaded.normals, progress=progress)
     except ValueError as error:
         where = f" (at {width} × {height})" if coarse else ""
         raise CommandError(f"{str(arguments.file)!r}{where}: {error}") from error
@@ -152,8 +156,9 @@ def _measure(arguments: Arguments) -> None:
     for level, curves in zip(levels, iso_distance_curves(found.geodesic, levels), strict=True):
         scaled = [(curve + 0.5) * factors - 0.5 for curve in curves]
         lines += [f"{level:.9g},{i},{x:.3f},{y:.3f}" for i, curve in enumerate(scaled) for x, y in curve]
+    origin, place = ("the most prominent point",) * 2 if source is None else ("the source", "as given")
     with style():
-        figure = distance_maps(found, step, unit, origin="the nose tip" if source is None else "the source")
+        figure = distance_maps(found, step, unit, origin=origin)
     folder = arguments.output
     try:
         folder.mkdir(exist_ok=True)
@@ -166,7 +171,7 @@ def _measure(arguments: Arguments) -> None:
         raise CommandError(f"cannot write into {str(folder)!r}: {error.strerror or error}") from error
     lost = int(np.isinf(found.geodesic).sum())
     x, y = (found.source + 0.5) * factors - 0.5
-    print(f"source            pixel ({x:.2f}, {y:.2f})")  # noqa: T201
+    print(f"source            pixel ({x:.2f}, {y:.2f}), {place}")  # noqa: T201
     print(f"farthest point    {farthest:.6g} {unit} along the surface")  # noqa: T201
     print(f"pixel spacing     {float(surface.spacing[0]):.6g} {unit}")  # noqa: T201
     if lost:

@@ -136,8 +136,9 @@ def _show_mesh(arguments: Arguments) -> None:
     from jaxlens.images import Picture
     from jaxlens.surfaces import shade
 
-    surface = load_surface(arguments.file, arguments, arguments.max_pixels)
-    pixels = np.round(255 * np.clip(np.asarray(shade(surface)), 0, 1)).astype(np.uint8)
+    loaded = load_surface(arguments.file, arguments, arguments.max_pixels)
+    surface, normals = loaded.depth_map, loaded.normals
+    pixels = np.round(255 * np.clip(np.asarray(shade(surface, normals=normals)), 0, 1)).astype(np.uint8)
     write_picture(arguments.output, Picture(pixels), overwrite=arguments.overwrite, quality=None)
     if arguments.depth is not None:
         spacing = float(surface.spacing[0])

@@ -15,6 +15,7 @@ from jaxlens.cli.meshes import is_mesh, load_mesh
 
 if TYPE_CHECKING:
     import numpy as np
+    from jaxtyping import Array
 
     from jaxlens.images import Picture
     from jaxlens.surfaces import DepthMap
@@ -50,33 +51,18 @@ def check_view(view: View) -> None:
         raise UsageError(f"--field-of-view is between 0 and 180 degrees, got {view.field_of_view:g}")
 
 
-def load_surface(path: Path, view: View, max_pixels: int | None, *, relief: float | None = None) -> "DepthMap":
-    """Reads a surface: a mesh, as it is seen; or a picture of depths.
-
-    Args:
-        path: A mesh or a picture. A floating picture holds depths in pixels, NaN where there is no surface; of
-            any other the grays are heights.
-        view: How a mesh is seen.
-        max_pixels: The largest picture accepted.
-        relief: The height in pixels of white over black; a quarter of the shorter side by default, and for a floating
-            picture one, so that its values are the depths.
-
-    Raises:
-        CommandError: it cannot be read, or it shows no surface.
-    """
-    return load_coarse_surface(path, view, max_pixels, relief=relief, max_points=None).depth_map
-
-
 @dataclass(frozen=True)
-class CoarseSurface:
+class Surface:
     """A surface, perhaps with fewer points than its picture has pixels.
 
     Attributes:
         depth_map: The surface, in units of the mesh, or of the picture's pixels.
+        normals: What a mesh is lit by; None for a picture of depths.
         size: Width and height of the picture, in pixels.
     """
 
     depth_map: "DepthMap"
+    normals: "Array | None"
     size: tuple[int, int]
 
     @property
@@ -86,16 +72,18 @@ class CoarseSurface:
         return self.size[0] / width, self.size[1] / height
 
 
-def load_coarse_surface(
-    path: Path, view: View, max_pixels: int | None, *, relief: float | None, max_points: int | None
-) -> CoarseSurface:
-    """Reads a surface as `load_surface` does, of at most so many points.
+def load_surface(
+    path: Path, view: View, max_pixels: int | None, *, relief: float | None = None, max_points: int | None = None
+) -> Surface:
+    """Reads a surface: a mesh, as it is seen; or a picture of depths.
 
     Args:
-        path: As there.
-        view: As there.
-        max_pixels: As there.
-        relief: As there.
+        path: A mesh or a picture. A floating picture holds depths in pixels, NaN where there is no surface; of
+            any other the grays are heights.
+        view: How a mesh is seen.
+        max_pixels: The largest picture accepted.
+        relief: The height in pixels of white over black; a quarter of the shorter side by default, and for a floating
+            picture one, so that its values are the depths.
         max_points: A picture with more pixels is reduced to this number, by means over areas; a mesh is seen in fewer.
 
     Raises:
@@ -104,16 +92,15 @@ def load_coarse_surface(
     import numpy as np
 
     from jaxlens.cli.pictures import read_picture
-    from jaxlens.surfaces import DepthMap, from_mesh
+    from jaxlens.surfaces import DepthMap, from_mesh, normals_from_mesh
 
     try:
         if is_mesh(path):
             size = _SIZE if view.size is None else parse_size(view.size, "--size")
             width, height = _within(size, max_points)
-            return CoarseSurface(
-                from_mesh(load_mesh(path), height, width, projection=view.projection, field_of_view=view.field_of_view),
-                size,
-            )
+            mesh, options = load_mesh(path), {"projection": view.projection, "field_of_view": view.field_of_view}
+            depth_map, normals = (make(mesh, height, width, **options) for make in (from_mesh, normals_from_mesh))
+            return Surface(depth_map, normals, size)
         picture = read_picture(path, max_pixels)
         gray, white = gray_values(picture)
         if not np.isfinite(gray).any():
@@ -123,7 +110,7 @@ def load_coarse_surface(
         size = (gray.shape[1], gray.shape[0])
         width, height = _within(size, max_points)
         heights = _reduced(gray * (rise / white), height, width)
-        return CoarseSurface(DepthMap(heights, spacing=(size[0] / width, size[1] / height)), size)
+        return Surface(DepthMap(heights, spacing=(size[0] / width, size[1] / height)), None, size)
     except ValueError as error:
         raise CommandError(f"{str(path)!r}: {error}") from error
 

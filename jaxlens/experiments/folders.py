@@ -10,9 +10,12 @@ from pathlib import Path
 
 from jaxlens.experiments.abandoned import held_folder, remove_abandoned
 from jaxlens.experiments.errors import ExperimentError
-from jaxlens.files import unbroken, unless_finished
+from jaxlens.files import file_sha256, unbroken, unless_finished
 
 MANIFEST = "manifest.json"
+RECORD = "run.json"
+"""Beside the manifest, what differs from run to run: when and where it was, on which source and versions. Git ignores
+it, so that a run which gives the same results leaves a clone as it was."""
 MARKER = "jaxlens experiment"
 """The manifest's `tool`, by which a folder of results is known."""
 
@@ -81,7 +84,7 @@ def check_target(target: Path, experiment: str) -> None:
         other = manifest.get("experiment")
         raise ExperimentError(f"{where} holds the results of experiment {other!r}, not {experiment!r}; {advice}")
     files = manifest.get("files")
-    own = {MANIFEST, *(files if isinstance(files, dict) else {})}
+    own = {MANIFEST, RECORD, *(files if isinstance(files, dict) else {})}
     foreign = {name for name in present if name not in own or not (target / name).is_file()}
     if foreign:
         raise ExperimentError(f"{where} holds what its manifest does not list ({_some(foreign)}); {advice}")
@@ -89,11 +92,24 @@ def check_target(target: Path, experiment: str) -> None:
 
 def read_manifest(folder: Path) -> dict[str, object] | None:
     """Returns what the manifest of a folder of results says, or None where no experiment left one."""
+    manifest = _read_object(folder / MANIFEST)
+    return manifest if manifest is not None and manifest.get("tool") == MARKER else None
+
+
+def read_record(folder: Path) -> dict[str, object] | None:
+    """Returns what is recorded of the run that made a folder of results; None if nothing is, or of another run."""
+    record = _read_object(folder / RECORD)
+    if record is None or record.get("manifest_sha256") != file_sha256(folder / MANIFEST):
+        return None
+    return record
+
+
+def _read_object(path: Path) -> dict[str, object] | None:
     try:
-        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return None
-    return manifest if isinstance(manifest, dict) and manifest.get("tool") == MARKER else None
+    return content if isinstance(content, dict) else None
 
 
 def _set_aside(temporary: Path) -> Path:

@@ -18,6 +18,7 @@ from jaxlens.surfaces import (
     from_mesh,
     geodesic_distance,
     geodesic_path,
+    normals_from_mesh,
     nose_tip,
     radial_geodesic_distance,
     shade,
@@ -37,7 +38,7 @@ class Distances:
         depth_map: The surface.
         picture: `(H, W)`, shaded, 0 to 1; NaN where there is no surface.
         features: The same, lit from the front.
-        source: (x, y) in pixels, the tip of the nose.
+        source: (x, y) in pixels; the tip of the nose, of a face.
         planar: `(H, W)`, straight in the picture's plane. NaN where there is no surface, as the others.
         radial: `(H, W)`, of the curve above that straight line (Eqs. 1 and 2); infinite where it leaves the surface.
         geodesic: `(H, W)`, of the shortest curve on the surface.
@@ -105,13 +106,14 @@ def surface_distances(surface: Surface, folder: Path) -> Distances:
     """
     height, width = surface.height, surface.width
     if surface.path is None:
-        depth_map, albedo = face(height, width), face_albedo(height, width)
+        depth_map, albedo, lit_by = face(height, width), face_albedo(height, width), None
     else:
         try:
             depth_map, albedo = from_mesh(folder / surface.path, height, width), None
+            lit_by = normals_from_mesh(folder / surface.path, height, width)
         except (ValueError, OSError, ImportError) as error:
             raise ExperimentError(f"{surface.path}: {error}") from error
-    return measure_distances(depth_map, albedo=albedo)
+    return measure_distances(depth_map, albedo=albedo, normals=lit_by)
 
 
 def measure_distances(
@@ -119,14 +121,16 @@ def measure_distances(
     *,
     source: Float[np.ndarray, "2"] | None = None,
     albedo: Float[Array, "height width"] | None = None,
+    normals: Float[Array, "height width 3"] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Distances:
     """Measures a surface.
 
     Args:
         depth_map: The surface.
-        source: (x, y) in pixels; the tip of the nose, unless given.
+        source: (x, y) in pixels; what `nose_tip` finds, unless given.
         albedo: `(H, W)`, for the shaded picture.
+        normals: `(H, W, 3)`, for it too; the depth map's own, unless given.
         progress: Of the shortest distances; as `jaxlens.surfaces.geodesic_distance`.
 
     Raises:
@@ -135,7 +139,7 @@ def measure_distances(
     height, width = depth_map.shape
     mask = np.asarray(depth_map.mask)
     picture, features = (
-        np.where(mask, np.asarray(shade(depth_map, albedo=albedo, **light)), np.nan)
+        np.where(mask, np.asarray(shade(depth_map, albedo=albedo, normals=normals, **light)), np.nan)
         for light in ({}, {"light": (0.0, 0.0, 1.0)})
     )
     place = nose_tip(depth_map) if source is None else jnp.asarray(source, depth_map.depth.dtype)

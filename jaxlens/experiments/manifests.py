@@ -1,4 +1,7 @@
-"""The manifest: what was run, on what, by what, and the checksums of what came out."""
+"""The manifest: what was run, on what, and the checksums of what came out; and the record of the run itself.
+
+The same experiment gives the same manifest, byte for byte, wherever and whenever it is run.
+"""
 
 import datetime
 import hashlib
@@ -10,10 +13,10 @@ from pathlib import Path
 
 from jaxlens.experiments.config import Configuration
 from jaxlens.experiments.errors import ExperimentError
-from jaxlens.experiments.folders import MANIFEST, MARKER
+from jaxlens.experiments.folders import MANIFEST, MARKER, RECORD
 from jaxlens.files import file_sha256
 
-SCHEMA = 1
+SCHEMA = 2
 _PACKAGES = ("jaxlens", "jax", "jaxlib", "equinox", "optimistix", "numpy", "matplotlib", "pillow")
 # What no result depends on: the command line, and the page of all results.
 _BESIDE = ("cli/", "experiments/reproduction.py", "experiments/gallery/")
@@ -44,7 +47,6 @@ def write_manifest(
     input_files: dict[str, str],
     inputs: list[dict[str, object]],
     facts: dict[str, object],
-    seconds: float,
 ) -> dict[str, object]:
     """Writes `manifest.json` for the files of a folder, and returns what it says.
 
@@ -54,7 +56,6 @@ def write_manifest(
         input_files: As `input_checksums` found them before the experiment read them.
         inputs: Facts on each image.
         facts: What else the experiment has to say.
-        seconds: How long it took.
     """
     manifest: dict[str, object] = {
         "tool": MARKER,
@@ -68,6 +69,22 @@ def write_manifest(
         "results": facts,
         "dtype": configuration.experiment.dtype,
         "seed": configuration.experiment.seed,
+        "files": {path.name: file_sha256(path) for path in sorted(folder.iterdir())},
+    }
+    _write(folder / MANIFEST, manifest)
+    return manifest
+
+
+def write_record(folder: Path, configuration: Configuration, *, seconds: float) -> dict[str, object]:
+    """Writes `run.json` for a folder with its manifest, and returns what it says.
+
+    Args:
+        folder: The results.
+        configuration: The experiment.
+        seconds: How long it took.
+    """
+    record: dict[str, object] = {
+        "manifest_sha256": file_sha256(folder / MANIFEST),
         "commit": _commit(configuration),
         "source_sha256": SOURCE_SHA256,
         "versions": {"python": platform.python_version()} | package_versions(),
@@ -75,11 +92,14 @@ def write_manifest(
         "platform": f"{platform.system()} {platform.machine()}",
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "seconds": round(seconds, 3),
-        "files": {path.name: file_sha256(path) for path in sorted(folder.iterdir())},
     }
-    text = json.dumps(manifest, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    (folder / MANIFEST).write_text(text, encoding="utf-8", newline="")
-    return manifest
+    _write(folder / RECORD, record)
+    return record
+
+
+def _write(path: Path, content: dict[str, object]) -> None:
+    text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    path.write_text(text, encoding="utf-8", newline="")
 
 
 def input_checksums(configuration: Configuration) -> dict[str, str]:

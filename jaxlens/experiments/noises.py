@@ -53,13 +53,13 @@ class Spread:
         with np.errstate(divide="ignore"):
             logarithms = np.log(self.local**2 / self.deviation**2)
         statistic = -freedom * float(logarithms.sum()) / (1 + (count + 1) / (3 * count * freedom))
-        return statistic, float(_chi_square_above(statistic, count - 1))
+        return statistic, float(chi_square_above(statistic, count - 1))
 
     def density(self, at: Float[np.ndarray, " points"]) -> Float[np.ndarray, " points"]:
         """Returns the density of s where the noise is the same everywhere."""
         freedom = self.samples - 1
         ends = np.concatenate([at, [2 * at[-1] - at[-2]]]) - 0.5 * (at[1] - at[0])
-        below = 1 - _chi_square_above(freedom * (ends / self.deviation) ** 2, freedom)
+        below = 1 - chi_square_above(freedom * (ends / self.deviation) ** 2, freedom)
         return np.diff(below) / np.diff(ends)
 
 
@@ -70,7 +70,7 @@ def spread_of(errors: Float[np.ndarray, "height width"], block: int) -> Spread:
     local = cut.reshape(rows, block, columns, block).std(axis=(1, 3), ddof=1)
     deviation, freedom = float(np.sqrt(np.mean(local**2))), block**2 - 1
     ratio = np.linspace(0, 4, _STEPS)
-    below = 1 - _chi_square_above(freedom * ratio**2, freedom)
+    below = 1 - chi_square_above(freedom * ratio**2, freedom)
     low, high = np.interp([(1 - _LEVEL) / 2, (1 + _LEVEL) / 2], below, ratio)
     return Spread(deviation, block**2, local, deviation * low, deviation * high)
 
@@ -110,7 +110,7 @@ def scores(reference: np.ndarray, image: np.ndarray, peak: float) -> dict[str, f
     return {name: float(value) for name, value in zip(_METRICS, values, strict=True)}
 
 
-def _chi_square_above(values: float | np.ndarray, freedom: int) -> np.ndarray:
-    """The probability of more than each value of χ²."""
+def chi_square_above(values: float | np.ndarray, freedom: int) -> np.ndarray:
+    """Returns the probability of more than each value of χ²."""
     with jax.enable_x64(True):
         return np.asarray(jax.scipy.stats.chi2.sf(np.asarray(values, np.float64), float(freedom)))

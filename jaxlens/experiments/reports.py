@@ -15,6 +15,10 @@ _DECIMALS = {"snr": 3, "psnr": 3, "rmse": 3, "mae": 3}
 _TITLES = {"snr": "SNR\ndB", "psnr": "PSNR\ndB", "rmse": "RMSE\ngray levels", "mae": "MAE\ngray levels"}
 # A longer table shows the paper's lenses only.
 _MOST_ROWS = 12
+_UNPUBLISHED = (
+    "The paper does not publish its picture, so its numbers cannot be met digit by digit: ours are those of another "
+    "picture. What can be checked are the relations between the numbers, below."
+)
 # Relative: identities of sums in single precision.
 _ROUNDING = 1e-5
 
@@ -55,6 +59,7 @@ def comparison(kappa: np.ndarray, scores: Mapping[str, np.ndarray], *, peak: flo
             label, "\n".join(names), *("\n".join(columns[metric]) for metric in paper.METRICS), end_section=True
         )
     parts: list[RenderableType] = [table]
+    parts.append(Text(_UNPUBLISHED, style="dim"))
     if copied:
         parts.append(Text(_footnote(), style="dim"))
     return [*parts, identities(kappa, scores, peak=peak)]
@@ -143,7 +148,8 @@ def extremes(kappa: np.ndarray, scores: Mapping[str, np.ndarray], *, title: str)
     for metric, column in scores.items():
         if not np.isnan(column).all():
             low, high = int(np.nanargmin(column)), int(np.nanargmax(column))
-            table.add_row(metric, f"{column[low]:.6g}", _pair(kappa[low]), f"{column[high]:.6g}", _pair(kappa[high]))
+            least, greatest = (f"{column[index]:.6g}".replace("inf", "∞") for index in (low, high))
+            table.add_row(metric, least, _pair(kappa[low]), greatest, _pair(kappa[high]))
     return [table]
 
 
@@ -162,4 +168,4 @@ def _pair(kappa: Sequence[float] | np.ndarray) -> str:
 
 
 def _number(value: float, metric: str) -> str:
-    return f"{value:.{_DECIMALS[metric]}f}"
+    return f"{value:.{_DECIMALS[metric]}f}".replace("inf", "∞")

@@ -14,12 +14,14 @@ from rich.text import Text
 from jaxlens.experiments import config, runner
 from jaxlens.experiments.config import Configuration
 from jaxlens.experiments.errors import ConfigError, ExperimentError
-from jaxlens.experiments.folders import read_manifest
+from jaxlens.experiments.folders import read_manifest, read_record
 from jaxlens.experiments.gallery import Section, check_page, write_page
 from jaxlens.experiments.manifests import SOURCE_SHA256, input_checksums, package_versions
 from jaxlens.files import file_sha256
 
 PAGE = "index.html"
+UNRECORDED = "there is no record of the run that made them"
+"""Why results that came with a clone are made again. It says nothing against them."""
 State = Literal["up to date", "done", "skipped", "failed", "left out"]
 
 
@@ -75,9 +77,11 @@ def reproduce(
 ) -> Reproduction:
     """Runs experiments whose results are not up to date, and writes one page of all results.
 
-    Results are up to date where their manifest names the same configuration (captions left out), the same input files,
-    the same source of jaxlens (the command line and the page left out) and the same versions of the packages that it
-    computes with, and where every file that it lists is there unchanged. The commit is not compared, nor the machine.
+    Results are up to date where their manifest names the same configuration (captions left out) and the same input
+    files, where every file that it lists is there unchanged, and where the record of their run (`run.json`, which Git
+    ignores) names the same source of jaxlens (the command line and the page left out) and the same versions of the
+    packages that it computes with. The commit is not compared, nor the machine. In a new clone there is no record, so
+    everything is run.
 
     An experiment that reads a file that is not there is skipped. One that fails does not stop the others. When the
     work is interrupted, what is finished stays, and the next call goes on from there; the page is written at the end.
@@ -139,20 +143,23 @@ def out_of_date(configuration: Configuration, folder: Path) -> str | None:
         return "the configuration has changed"
     if manifest.get("input_files") != input_checksums(configuration):
         return "an input has changed"
-    if manifest.get("source_sha256") != SOURCE_SHA256:
-        return "the source of jaxlens has changed"
-    versions = manifest.get("versions")
-    for package, version in package_versions().items():
-        # The source says more than jaxlens's version.
-        was = versions.get(package) if isinstance(versions, dict) else None
-        if package != "jaxlens" and was != version:
-            return f"{package} is {version}, and was {was}"
     files = manifest.get("files")
     if not isinstance(files, dict):
         return "the manifest lists no files"
     for name, checksum in files.items():
         if not (folder / name).is_file() or file_sha256(folder / name) != checksum:
             return f"{name} is missing or has changed"
+    record = read_record(folder)
+    if record is None:
+        return UNRECORDED
+    if record.get("source_sha256") != SOURCE_SHA256:
+        return "the source of jaxlens has changed"
+    versions = record.get("versions")
+    for package, version in package_versions().items():
+        # The source says more than jaxlens's version.
+        was = versions.get(package) if isinstance(versions, dict) else None
+        if package != "jaxlens" and was != version:
+            return f"{package} is {version}, and was {was}"
     return None
 
 
@@ -223,7 +230,7 @@ def _section(step: Step) -> Section:
     if manifest is not None and manifest.get("experiment") != step.name:
         manifest = None
     note = ""
-    if step.reason:
+    if step.reason and step.reason != UNRECORDED:
         state = "Failed" if step.state == "failed" else "Not run"
         earlier = "\nWhat is shown are earlier results." if manifest else ""
         note = f"{state}: {step.reason.removeprefix(f'{step.configuration.path}: ')}.{earlier}"

@@ -18,14 +18,16 @@ class Report:
     Attributes:
         name: Of the experiment.
         folder: With the results.
-        files: In it, the manifest included, sorted by name.
-        manifest: As written to `manifest.json`.
+        files: In it, the manifest and the record of the run included, sorted by name.
+        manifest: As written to `manifest.json`: what was run, on what, and what came out.
+        record: As written to `run.json`: when, where, on which source and versions, and how long it took.
     """
 
     name: str
     folder: Path
     files: tuple[Path, ...]
     manifest: dict[str, object]
+    record: dict[str, object]
 
 
 def run(
@@ -68,7 +70,7 @@ def run(
     import jax
 
     from jaxlens.experiments.kinds import perform
-    from jaxlens.experiments.manifests import input_checksums, write_manifest
+    from jaxlens.experiments.manifests import input_checksums, write_manifest, write_record
 
     input_files = input_checksums(configuration)
     begin = time.perf_counter()
@@ -81,10 +83,10 @@ def run(
             input_files=input_files,
             inputs=outcome.inputs,
             facts=outcome.facts,
-            seconds=time.perf_counter() - begin,
         )
+        record = write_record(temporary, configuration, seconds=time.perf_counter() - begin)
     for renderable in outcome.report:
         console.print(renderable)
     files = tuple(sorted(folder.iterdir()))
     console.print(f"\n{len(files)} files in {folder}", markup=False, highlight=False)
-    return Report(experiment.name, folder, files, manifest)
+    return Report(experiment.name, folder, files, manifest, record)

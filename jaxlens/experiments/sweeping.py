@@ -97,7 +97,7 @@ def _sweep_chunk(
 
     def score(kappa: Array) -> "OrderedDict[str, Array]":
         coordinates = source_coordinates(source_map(kappa, reading), *image.shape[:2])
-        picture = _sample(image, coordinates, warp)
+        picture = _deformed(image, coordinates, kappa, warp)
         # An OrderedDict, which keeps its order through JAX.
         scores = OrderedDict(metrics.evaluate(image, picture, data_range=peak))
         scores["coverage"] = _share_inside(coordinates, *image.shape[:2])
@@ -121,7 +121,7 @@ def deform(
     reading: Reading = "functional inverse",
 ) -> Float[Array, "height width *channels"]:
     """Returns the image that Eq. 11, under one of its readings, makes of an image."""
-    return _sample(image, source_coordinates(source_map(kappa, reading), *image.shape[:2]), warp)
+    return _deformed(image, source_coordinates(source_map(kappa, reading), *image.shape[:2]), kappa, warp)
 
 
 def deform_all(
@@ -136,8 +136,10 @@ def deform_all(
     return [np.asarray(deform(image, one, warp=warp, reading=reading)) for one in lenses]
 
 
-def _sample(image: Array, coordinates: Array, warp: Warp) -> Array:
-    return remap(image, coordinates, method=warp.method, border=warp.border, fill=warp.fill, antialias=warp.antialias)
+def _deformed(image: Array, coordinates: Array, kappa: Array, warp: Warp) -> Array:
+    options = {"method": warp.method, "border": warp.border, "fill": warp.fill, "antialias": warp.antialias}
+    # Without a lens the picture is the image itself, and its PSNR infinite; rounded coordinates would make it 300 dB.
+    return jnp.where(jnp.any(kappa != 0), remap(image, coordinates, **options), image)
 
 
 def _share_inside(coordinates: Array, height: int, width: int) -> Array:

@@ -212,7 +212,7 @@ def _fit(choice: Choice, lens, boards, size, camera_matrix, bounds, loss_scale, 
         frame=frame,
         poses=poses,
         per_view_rms=known.per_block_rms,
-        status=status,
+        status_code=status,
         folds=_folds(model["lens"], frame, size),
     )
 

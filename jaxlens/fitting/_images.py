@@ -217,7 +217,7 @@ def _fit(
         lens=lens,
         frame=frame,
         residuals=known.residuals.reshape(*finest.distorted.shape, 1),
-        status=status,
+        status_code=status,
         steps=steps,
         folds=jnp.any(~valid),
     )

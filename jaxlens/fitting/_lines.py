@@ -182,7 +182,7 @@ def _fit(choice: Choice, lens, frame, points, weights, bounds, loss_scale, *, se
         frame=frame,
         covariance=jnp.where(blind, jnp.nan, known.covariance),
         residuals=known.residuals.reshape(*weights.shape, 1),
-        status=jnp.where(broken, FitStatus.NOT_FINITE, status),
+        status_code=jnp.where(broken, FitStatus.NOT_FINITE, status),
         folds=jnp.any(~lens.invert(frame.normalize(points)).valid & used),
         noise_correlation=_neighbours(problem, minimum.unknowns, known.residuals),
     )

@@ -189,7 +189,7 @@ def report(minimum: Minimum, known: Knowledge, names: tuple[str, ...], *, lens: 
         "per_view_rms": None,
         "degrees_of_freedom": known.degrees_of_freedom,
         "loss_scale": minimum.loss_scale,
-        "status": known.status,
+        "status_code": known.status,
         "steps": minimum.steps,
     }
     return Fit(lens=lens, **(common | own))

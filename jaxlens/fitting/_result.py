@@ -1,9 +1,10 @@
 """What a fit returns: the lens, how well it is known, and whether to believe it."""
 
-import enum
 import warnings
+from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
@@ -11,7 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jaxlens.fitting._poses import Poses
 from jaxlens.frames import Frame
 from jaxlens.maps import CoordinateMap
-from jaxlens.numerics import is_concrete
+from jaxlens.numerics import Status, is_concrete
 
 # A coefficient whose variance the others inflate more than this is traded against them, not measured: its own columns
 # of the Jacobian agree with a combination of the others' to one part in a thousand.
@@ -20,7 +21,7 @@ IDENTIFIED = 1e6
 STRUCTURED = 0.3
 
 
-class FitStatus(enum.IntEnum):
+class FitStatus(Status):
     """How a fit ended."""
 
     CONVERGED = 0
@@ -65,7 +66,7 @@ class Fit(eqx.Module):
         per_view_rms: The same for each view, of `calibrate` only.
         degrees_of_freedom: n − p: residual components less parameters (those of poses and of lines counted too).
         loss_scale: Where the robust loss bends, ∞ for `linear`.
-        status: A `FitStatus`.
+        status_code: The number of `status`.
         steps: Steps of the solver, over all rounds of a robust loss.
         folds: Whether the lens folds over within the data or the picture.
         noise_correlation: Of `fit_lines`, the correlation of residuals that are neighbours on a line, beyond that of
@@ -85,10 +86,18 @@ class Fit(eqx.Module):
     per_view_rms: Float[Array, " views"] | None
     degrees_of_freedom: Int[Array, ""]
     loss_scale: Float[Array, ""]
-    status: Int[Array, ""]
+    status_code: Int[Array, ""]
     steps: Int[Array, ""]
     folds: Bool[Array, ""]
     noise_correlation: Float[Array, ""] | None = None
+
+    @property
+    def status(self) -> FitStatus | Int[Array, "*batch"]:
+        """How the fit ended. Of a batch of fits, and under `jax.jit` and `jax.vmap`, an array of the numbers."""
+        return _named(self.status_code)
+
+    def __repr__(self) -> str:
+        return eqx.tree_pformat(eqx.tree_at(lambda fit: fit.status_code, self, _named(self.status_code)))
 
     @property
     def standard_errors(self) -> Float[Array, "*batch parameters"]:
@@ -159,6 +168,12 @@ class Fit(eqx.Module):
         from jaxlens.fitting._summary import summarize
 
         return summarize(self)
+
+
+def _named(code: Any) -> Any:
+    """The status that a number stands for, if it is one and known; a tree may hold other leaves, such as shapes."""
+    known = isinstance(code, jax.Array | np.ndarray | np.integer) and is_concrete(code) and not code.ndim
+    return FitStatus(int(code)) if known else code
 
 
 def checked(fit: Fit, throw: bool) -> Fit:

@@ -58,8 +58,11 @@ def read_image(path: str | os.PathLike[str], *, max_pixels: int = DEFAULT_MAX_PI
             own exception, if any, is its cause.
 
     Example:
-        >>> picture = read_image("portrait.png")  # doctest: +SKIP
-        >>> picture.pixels.shape, picture.pixels.dtype, picture.has_alpha  # doctest: +SKIP
+        >>> import numpy as np
+        >>> from jaxlens.images import read_image, write_image
+        >>> write_image("portrait.png", np.zeros((480, 640, 3), np.uint8))
+        >>> picture = read_image("portrait.png")
+        >>> picture.pixels.shape, picture.pixels.dtype, picture.has_alpha
         ((480, 640, 3), dtype('uint8'), False)
     """
     path = Path(path)

@@ -65,7 +65,11 @@ def write_image(
             the file exists, or cannot be written. Nothing is left behind then.
 
     Example:
-        >>> write_image("gray.png", np.zeros((480, 640), np.uint16))  # doctest: +SKIP
+        >>> import numpy as np
+        >>> from jaxlens.images import read_image, write_image
+        >>> write_image("gray.png", np.full((480, 640), 40000, np.uint16))
+        >>> int(read_image("gray.png").pixels.max())
+        40000
     """
     path = Path(path)
     pixels = np.asarray(picture.pixels if isinstance(picture, Picture) else picture)

@@ -18,9 +18,9 @@ class RadialPolynomial(RadialLens):
         center: The centre of distortion c in normalized coordinates; the frame's origin unless given.
 
     Example:
-        >>> import jaxlens as jl
+        >>> import jax.numpy as jnp, jaxlens as jl
         >>> lens = jl.RadialPolynomial([0.0, 1.0])
-        >>> lens.undistort(lens.distort([[0.5, 0.0]])).tolist()
+        >>> lens.undistort(lens.distort(jnp.array([[0.5, 0.0]]))).tolist()
         [[0.5, 0.0]]
     """
 

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
@@ -10,7 +11,7 @@ from jaxtyping import ArrayLike
 from jaxlens.surfaces._depth_map import DepthMap
 from jaxlens.surfaces._mesh import Mesh, check_mesh
 from jaxlens.surfaces._mesh_files import read_arrays
-from jaxlens.surfaces._rasterize import rasterize
+from jaxlens.surfaces._rasterize import rasterize_faces
 
 Projection = Literal["orthographic", "perspective"]
 
@@ -62,6 +63,46 @@ def from_mesh(
         >>> from_mesh(triangle, 3, 3, spacing=1.0).mask.astype(int).tolist()
         [[1, 0, 0], [1, 1, 0], [1, 1, 1]]
     """
+    seen = look_at(mesh, height, width, projection, field_of_view, center, spacing, margin)
+    return DepthMap(seen.depth, seen.face >= 0, seen.spacing)
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A mesh as it is seen.
+
+    Attributes:
+        vertices: `(V, 3)`, as in the mesh.
+        faces: `(F, 3)`.
+        points: `(V, 2)`, the pixels where the vertices are seen.
+        closeness: `(V,)`, one over the distance along the line of sight, in perspective; ones without.
+        eye: (x, y, z) of the camera in perspective; None without.
+        depth: `(H, W)`; not finite where there is no surface.
+        face: `(H, W)`, which one is seen; −1 where there is none.
+        spacing: Mesh units a pixel.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    points: np.ndarray
+    closeness: np.ndarray
+    eye: np.ndarray | None
+    depth: np.ndarray
+    face: np.ndarray
+    spacing: float
+
+
+def look_at(
+    mesh: Mesh | str | os.PathLike[str],
+    height: int,
+    width: int,
+    projection: Projection,
+    field_of_view: float,
+    center: ArrayLike | Sequence[ArrayLike] | None,
+    spacing: float | None,
+    margin: float,
+) -> Seen:
+    """Checks the arguments of `from_mesh`, and returns what is seen."""
     if height < 1 or width < 1:
         raise ValueError(f"a picture needs at least one pixel, got height {height} and width {width}")
     if projection not in get_args(Projection):
@@ -79,7 +120,8 @@ def from_mesh(
         raise ValueError("the mesh has no faces; a surface needs triangles")
     used = np.zeros(len(vertices), bool)
     used[faces.ravel()] = True  # what has no face is not seen
-    relative = vertices - _center(vertices[used], center)
+    middle_of_mesh = _center(vertices[used], center)
+    relative = vertices - middle_of_mesh
     focal = 0.5 * height / np.tan(np.radians(field_of_view) / 2)  # in pixels
     perspective = projection == "perspective"
     usable = np.array([width, height]) * (1 - 2 * margin)
@@ -88,8 +130,9 @@ def from_mesh(
     middle = np.array([width - 1, height - 1]) / 2
     flat = relative[:, :2] * [1, -1] / step
     if not perspective:
-        found = rasterize(middle + flat, vertices[:, 2], faces, height, width)
-        return DepthMap(found, np.isfinite(found), step)
+        points = middle + flat
+        found, face = rasterize_faces(points, vertices[:, 2], faces, height, width)
+        return Seen(vertices, faces, points, np.ones(len(vertices)), None, found, face, step)
     ahead = distance - relative[:, 2]
     nearest = ahead[used].min()
     if nearest <= 1e-6 * distance:
@@ -99,10 +142,11 @@ def from_mesh(
         )
     # Along a straight line in the picture not z is linear but the reciprocal of the distance.
     ahead = np.maximum(ahead, nearest)  # for vertices without a face
-    found = rasterize(middle + flat * (distance / ahead)[:, None], 1 / ahead, faces, height, width)
-    seen = np.isfinite(found)
-    depth = distance - 1 / np.where(seen, found, 1) + (vertices - relative)[0, 2]
-    return DepthMap(np.where(seen, depth, np.nan), seen, step)
+    points = middle + flat * (distance / ahead)[:, None]
+    found, face = rasterize_faces(points, 1 / ahead, faces, height, width)
+    depth = np.where(face >= 0, distance - 1 / np.where(face >= 0, found, 1) + middle_of_mesh[2], np.nan)
+    eye = middle_of_mesh + np.array([0, 0, distance])
+    return Seen(vertices, faces, points, 1 / ahead, eye, depth, face, step)
 
 
 def _center(vertices: np.ndarray, center: ArrayLike | Sequence[ArrayLike] | None) -> np.ndarray:

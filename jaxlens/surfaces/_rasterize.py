@@ -12,7 +12,14 @@ _MOST = 2**32
 
 
 def rasterize(points: np.ndarray, values: np.ndarray, faces: np.ndarray, height: int, width: int) -> np.ndarray:
-    """Finds at each pixel the largest value among the triangles that cover its centre.
+    """Returns the first of what `rasterize_faces` does."""
+    return rasterize_faces(points, values, faces, height, width)[0]
+
+
+def rasterize_faces(
+    points: np.ndarray, values: np.ndarray, faces: np.ndarray, height: int, width: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Finds at each pixel the largest value among the triangles that cover its centre, and the triangle.
 
     Coverage is decided in whole numbers, for vertices rounded to 2⁻¹⁶ of a pixel (coarser where triangles reach
     more than 2¹³ pixels away), edges included: triangles that share an edge leave no pixel between them uncovered.
@@ -26,18 +33,18 @@ def rasterize(points: np.ndarray, values: np.ndarray, faces: np.ndarray, height:
         width: Of the picture.
 
     Returns:
-        `(height, width)`, −∞ where there is no triangle.
+        `(height, width)`, −∞ where there is no triangle; and the triangle's row in `faces`, −1 where there is none.
 
     Raises:
         ValueError: triangles that reach too far, or so many large ones that it would take minutes.
     """
-    buffer = np.full(height * width, -np.inf)
+    buffer, owner = np.full(height * width, -np.inf), np.full(height * width, -1)
     size = np.array([width, height])
     low, high = _box(points, faces)
     seen = ((high >= -0.5) & (low <= size - 0.5)).all(axis=1)
     if not seen.any():
-        return buffer.reshape(height, width)
-    faces = faces[seen]
+        return buffer.reshape(height, width), owner.reshape(height, width)
+    numbers, faces = np.flatnonzero(seen), faces[seen]
     farthest = float(np.maximum(np.abs(low[seen]), np.abs(high[seen])).max())
     fraction = min(_FRACTION, _BITS - 1 - int(np.ceil(np.log2(farthest + 1))))
     if fraction < 0:
@@ -48,13 +55,13 @@ def rasterize(points: np.ndarray, values: np.ndarray, faces: np.ndarray, height:
     low, high = _box(snapped, faces)
     first, last = np.maximum(-(-low >> fraction), 0), np.minimum(high >> fraction, size - 1)
     used = (first <= last).all(axis=1)  # most triangles of a fine mesh lie between the pixels' centres
-    faces, first, last = faces[used], first[used], last[used]
+    numbers, faces, first, last = numbers[used], faces[used], first[used], last[used]
     origin = snapped[faces[:, 0]]
     double_area = _cross(snapped[faces[:, 1]] - origin, snapped[faces[:, 2]] - origin)
     # The same sense of rotation for all, so that inside is where no edge function is negative.
     faces = np.where(double_area[:, None] < 0, faces[:, [0, 2, 1]], faces)
     used = double_area != 0
-    faces, first, last = faces[used], first[used], last[used]
+    numbers, faces, first, last = numbers[used], faces[used], first[used], last[used]
     boxes = np.prod(last - first + 1, axis=1, dtype=np.float64).sum()
     if boxes > _MOST:
         raise ValueError(
@@ -63,21 +70,24 @@ def rasterize(points: np.ndarray, values: np.ndarray, faces: np.ndarray, height:
         )
     plane = _planes(points[faces], values[faces])
     for some in _chunks(last[:, 1] - first[:, 1] + 1):
-        _draw(buffer, width, snapped[faces[some]], fraction, first[some], last[some], [part[some] for part in plane])
-    return buffer.reshape(height, width)
+        parts = [part[some] for part in plane]
+        _draw(buffer, owner, width, snapped[faces[some]], fraction, first[some], last[some], parts, numbers[some])
+    return buffer.reshape(height, width), owner.reshape(height, width)
 
 
 def _draw(
     buffer: np.ndarray,
+    owner: np.ndarray,
     width: int,
     corners: np.ndarray,
     fraction: int,
     first: np.ndarray,
     last: np.ndarray,
     plane: list[np.ndarray],
+    numbers: np.ndarray,
 ) -> None:
-    """Cuts triangles into rows, rows into pixels, and keeps the largest values."""
-    face, step = _expanded(last[:, 1] - first[:, 1] + 1)
+    """Cuts triangles into rows, rows into pixels, and keeps the largest values and whose they are."""
+    face, step = expanded(last[:, 1] - first[:, 1] + 1)
     begin, end = np.zeros_like(face), (last - first)[face, 0]
     relative = corners - (first << fraction)[:, None]  # from the first pixel of the box, so that nothing overflows
     for corner in range(3):
@@ -94,12 +104,15 @@ def _draw(
     base, slope_x, slope_y, origin_x, origin_y, smallest, largest = plane
     column, row = begin + first[face, 0], step + first[face, 1]
     for some in _chunks(end - begin + 1):
-        line, offset = _expanded((end - begin + 1)[some])
+        line, offset = expanded((end - begin + 1)[some])
         of_face = face[some][line]
         x, y = column[some][line] + offset, row[some][line]
         value = base[of_face] + slope_x[of_face] * (x - origin_x[of_face]) + slope_y[of_face] * (y - origin_y[of_face])
         # Slivers have wild slopes; rounded edges reach a little beyond the triangle.
-        np.maximum.at(buffer, y * width + x, np.clip(value, smallest[of_face], largest[of_face]))
+        pixel, value = y * width + x, np.clip(value, smallest[of_face], largest[of_face])
+        np.maximum.at(buffer, pixel, value)
+        largest_yet = value == buffer[pixel]
+        owner[pixel[largest_yet]] = numbers[of_face[largest_yet]]
 
 
 def _planes(corners: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -124,7 +137,7 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
 
 
-def _expanded(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def expanded(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Returns, for counts (2, 3), the owners (0, 0, 1, 1, 1) and the places (0, 1, 0, 1, 2)."""
     owner = np.repeat(np.arange(len(counts)), counts)
     return owner, np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)

@@ -33,6 +33,9 @@ def normals(depth_map: DepthMap) -> Float[Array, "height width 3"]:
     return jnp.stack([-slope_x, -slope_y, jnp.ones_like(length)], axis=-1) / length[..., None]
 
 
+depth_map_normals = normals  # where an argument has its name
+
+
 @jax.jit
 def shade(
     depth_map: DepthMap,
@@ -40,6 +43,7 @@ def shade(
     light: Float[ArrayLike, "3"] | Sequence[ArrayLike] = _TOWARDS_VIEWER_FROM_UPPER_LEFT,
     ambient: Float[ArrayLike, ""] = 0.3,
     albedo: Float[ArrayLike, "height width"] | None = None,
+    normals: Float[ArrayLike, "height width 3"] | None = None,
     background: Float[ArrayLike, ""] = 0.0,
 ) -> Float[Array, "height width"]:
     """Makes the gray picture of a matt surface: `albedo · (ambient + (1 − ambient) · max(0, n · l))`, Lambert's law.
@@ -50,6 +54,8 @@ def shade(
             default shines from the upper left.
         ambient: The share of light that comes from everywhere, 0 to 1. Nothing casts a shadow.
         albedo: `(H, W)`, the share of light reflected, 0 to 1; all of it by default.
+        normals: `(H, W, 3)`, unit normals in place of the depth map's own: of a mesh those of `normals_from_mesh` show
+            no facets.
         background: The value outside the mask.
 
     Returns:
@@ -58,7 +64,7 @@ def shade(
         side.
 
     Raises:
-        ValueError: an albedo of another shape.
+        ValueError: an albedo, or normals, of another shape.
 
     Example:
         >>> import jax.numpy as jnp
@@ -68,7 +74,11 @@ def shade(
         0.8999999761581421
     """
     direction = as_floating(light).astype(depth_map.depth.dtype)
-    facing = normals(depth_map) @ (direction / jnp.linalg.norm(direction))
+    if normals is None:
+        normals = depth_map_normals(depth_map)
+    elif jnp.shape(normals) != (*depth_map.shape, 3):
+        raise ValueError(f"normals must have the shape {(*depth_map.shape, 3)}, got {jnp.shape(normals)}")
+    facing = jnp.asarray(normals, depth_map.depth.dtype) @ (direction / jnp.linalg.norm(direction))
     picture = ambient + (1 - ambient) * jnp.where(facing >= 0, facing, 0)
     if albedo is not None:
         albedo = as_floating(albedo)

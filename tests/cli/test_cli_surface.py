@@ -62,6 +62,7 @@ def test_distances_on_a_plane_are_straight(run, slope, tmp_path):
     result = run("geodesic", slope, "--size", "41x41", "--source", "20", "20", "--output", folder)
     assert result.code == 0
     assert "farthest point    " in result.out
+    assert "pixel (20.00, 20.00), as given" in result.out
     surface = jl.surfaces.from_mesh(slope, 41, 41)
     points = np.asarray(surface.points())
     straight = np.linalg.norm(points - points[20, 20], axis=-1)
@@ -74,6 +75,13 @@ def test_distances_on_a_plane_are_straight(run, slope, tmp_path):
     length = np.hypot(np.hypot(x - 20, y - 20), 0.75 * (x - 20)) * spacing
     assert np.abs(length - level).max() < 0.05 * spacing
     assert (folder / "distances.png").stat().st_size > 10_000
+
+
+def test_the_default_source_of_a_picture_is_not_called_a_nose(run, picture, tmp_path):
+    result = run("geodesic", picture, "--output", tmp_path / "out")
+    assert result.code == 0
+    assert ", the most prominent point" in result.out
+    assert "nose" not in result.out + result.err
 
 
 def test_a_picture_of_depths(run, tmp_path):

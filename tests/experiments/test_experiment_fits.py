@@ -9,6 +9,7 @@ import pytest
 
 import jaxlens as jl
 from jaxlens import experiments
+from jaxlens.experiments.figures.inversions import chance
 
 INVERSION = """
 kind = "inversion"
@@ -48,7 +49,13 @@ def test_lenses_come_back(tmp_path):
     config = tmp_path / "inversion.toml"
     config.write_text(INVERSION)
     report = experiments.run(config, output=tmp_path / "out", quiet=True)
-    assert [path.name for path in report.files] == ["errors.png", "errors.svg", "manifest.json", "table.csv"]
+    assert [path.name for path in report.files] == [
+        "errors.png",
+        "errors.svg",
+        "manifest.json",
+        "run.json",
+        "table.csv",
+    ]
     rows = _rows(tmp_path / "out" / "table.csv")
     assert [(row["from"], float(row["noise"]), int(row["fits"]), int(row["failed"])) for row in rows] == [
         ("points", 0.0, 50, 0),
@@ -106,3 +113,8 @@ def test_what_is_wrong_is_named(tmp_path, corners):
     with pytest.raises(experiments.ConfigError, match="vectors of one length"):
         experiments.run(config, output=tmp_path / "out", quiet=True)
     assert not (tmp_path / "out").exists()
+
+
+def test_the_interval_of_a_standard_error():
+    """Its ends are those of χ² with as many freedoms as fits: 0.8312 and 12.8325 of five, in tables."""
+    np.testing.assert_allclose(chance(5), (np.sqrt(5 / 12.8325), np.sqrt(5 / 0.8312)), rtol=1e-4)

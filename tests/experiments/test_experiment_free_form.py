@@ -70,10 +70,10 @@ def test_a_control_point_pulled_too_far_folds():
 def test_the_experiment_freezes_rows(folder: Path):
     Path("f.toml").write_text(TEXT, encoding="utf-8")
     first, second = (run("f.toml", output=name, quiet=True) for name in ("one", "two"))
-    names = ["continuity.png", "lattice.csv", "lattice.png", "manifest.json", "table.csv"]
+    names = ["continuity.png", "lattice.csv", "lattice.png", "manifest.json", "run.json", "table.csv"]
     assert [path.name for path in first.files] == names
     for one, two in zip(first.files, second.files, strict=True):
-        assert one.name == "manifest.json" or one.read_bytes() == two.read_bytes()
+        assert one.name == "run.json" or one.read_bytes() == two.read_bytes()
     header, *rows = [line.split(",") for line in Path("one/table.csv").read_text().splitlines()]
     table = {row[0]: dict(zip(header[1:], map(float, row[1:]), strict=True)) for row in rows}
     assert list(table) == ["border free", "1 row frozen (C⁰)", "2 rows frozen (C¹)"]

@@ -30,6 +30,7 @@ FILES = [
     "maps.png",
     "paths.png",
     "ratios.png",
+    "run.json",
     "table.csv",
 ]
 
@@ -45,7 +46,7 @@ def test_the_experiment_writes_its_folder_and_the_same_bytes_again(tmp_path: Pat
     first, second = (run(config, output=tmp_path / name, quiet=True) for name in ("one", "two"))
     assert [path.name for path in first.files] == FILES
     for one, other in zip(first.files, second.files, strict=True):
-        assert one.name == "manifest.json" or one.read_bytes() == other.read_bytes()
+        assert one.name == "run.json" or one.read_bytes() == other.read_bytes()
     table = rows(first.folder / "table.csv")
     assert len(table) == 4
     for row in table:

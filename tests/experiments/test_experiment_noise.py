@@ -82,10 +82,11 @@ def test_the_experiment_writes_its_folder_whatever_the_other_pictures_size(folde
         "noise.png",
         "spread.png",
         "spread.svg",
+        "run.json",
         "table.csv",
     ]
     for one, two in zip(first.files, second.files, strict=True):
-        assert one.name == "manifest.json" or one.read_bytes() == two.read_bytes()
+        assert one.name == "run.json" or one.read_bytes() == two.read_bytes()
     header, *rows = [line.split(",") for line in Path("one/table.csv").read_text().splitlines()]
     mse = header.index("mse")
     for name in ("noise", "lens"):

@@ -65,10 +65,11 @@ def test_the_experiment_writes_its_folder(folder: Path):
         "profiles_x.csv",
         "profiles_y.csv",
         "projections.png",
+        "run.json",
         "table.csv",
     ]
     for one, two in zip(first.files, second.files, strict=True):
-        assert one.name == "manifest.json" or one.read_bytes() == two.read_bytes()
+        assert one.name == "run.json" or one.read_bytes() == two.read_bytes()
     rows = [line.split(",")[:3] for line in Path("one/table.csv").read_text().splitlines()[1:]]
     assert rows == [
         ["0.1", "barrel", "x"],

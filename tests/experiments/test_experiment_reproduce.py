@@ -80,8 +80,8 @@ def test_the_second_time_nothing_is_done(performer: Performer):
     assert sorted(path.name for path in Path("results").iterdir()) == ["a", "b", "index.html"]
 
 
-def edit_manifest(**changes: object) -> None:
-    path = Path("results/a/manifest.json")
+def edit(name: str, **changes: object) -> None:
+    path = Path("results/a") / name
     path.write_text(json.dumps(json.loads(path.read_text()) | changes))
 
 
@@ -92,10 +92,13 @@ def edit_manifest(**changes: object) -> None:
         (lambda: Path("results/a/table.csv").write_text("mine"), "table.csv is missing or has changed"),
         (lambda: Path("results/a/chart.png").unlink(), "chart.png is missing or has changed"),
         (lambda: Path("results/a/manifest.json").write_text("{}"), None),
-        (lambda: edit_manifest(source_sha256="0"), "the source of jaxlens has changed"),
-        (lambda: edit_manifest(versions={"jax": "0.1"}), "jax is"),
-        (lambda: edit_manifest(versions=None), "jax is"),
-        (lambda: edit_manifest(input_files={"image.path": "0"}), "an input has changed"),
+        (lambda: edit("run.json", source_sha256="0"), "the source of jaxlens has changed"),
+        (lambda: edit("run.json", versions={"jax": "0.1"}), "jax is"),
+        (lambda: edit("run.json", versions=None), "jax is"),
+        (lambda: edit("manifest.json", input_files={"image.path": "0"}), "an input has changed"),
+        (lambda: edit("manifest.json", seed=1), "there is no record of the run that made them"),
+        (lambda: Path("results/a/run.json").unlink(), "there is no record of the run that made them"),
+        (lambda: Path("results/a/run.json").write_text("["), "there is no record of the run that made them"),
     ],
 )
 def test_what_makes_results_out_of_date(performer: Performer, change, reason: str | None):
@@ -117,8 +120,8 @@ def test_what_makes_results_out_of_date(performer: Performer, change, reason: st
 
 def test_captions_comments_and_the_version_of_jaxlens_change_no_result(performer: Performer):
     again()
-    versions = json.loads(Path("results/a/manifest.json").read_text())["versions"]
-    edit_manifest(versions=versions | {"jaxlens": "9", "python": "9"})
+    versions = json.loads(Path("results/a/run.json").read_text())["versions"]
+    edit("run.json", versions=versions | {"jaxlens": "9", "python": "9"})
     write("a", "# a comment", 'caption = "Seen anew."', "order = 5000", "[captions]", 'chart = "A line."')
     performer.since()
     assert list(again().items()) == [("b", "up to date"), ("a", "up to date")]
@@ -126,6 +129,18 @@ def test_captions_comments_and_the_version_of_jaxlens_change_no_result(performer
     page = Path("results/index.html").read_text(encoding="utf-8")
     assert "Seen anew." in page
     assert "A line." in page
+
+
+def test_a_clone_has_the_results_and_the_page_but_no_record_of_the_runs(performer: Performer):
+    again()
+    kept = [path for path in Path("results").rglob("*") if path.is_file() and path.name != "run.json"]
+    before = {path: path.read_bytes() for path in kept}
+    for record in Path("results").rglob("run.json"):
+        record.unlink()
+    assert again(only=["b"]) == {"a": "left out", "b": "done"}
+    assert {path: path.read_bytes() for path in kept} == before
+    assert again() == {"a": "done", "b": "up to date"}
+    assert {path: path.read_bytes() for path in kept} == before
 
 
 def test_a_missing_input_is_said_and_earlier_results_are_shown(performer: Performer):

@@ -34,7 +34,7 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     folder = tmp_path_factory.mktemp("rotation")
     (folder / "small.toml").write_text(SMALL)
     first, second = (run(folder / "small.toml", output=folder / name, quiet=True) for name in ("one", "two"))
-    assert [path.name for path in first.files] == ["bias.png", "bias.svg", "manifest.json", "table.csv"]
+    assert [path.name for path in first.files] == ["bias.png", "bias.svg", "manifest.json", "run.json", "table.csv"]
     return first.folder, second.folder
 
 

@@ -26,6 +26,13 @@ def test_each_way_of_drawing(tmp_path, drawing):
     assert (tmp_path / "one.png").read_bytes() == (tmp_path / "two.png").read_bytes()
 
 
+def test_the_figure_says_what_is_shown():
+    figure = surface_figure(RAMP, 200.0, smoothing=2.5, drawings=("mesh", "filled", "isolines"))
+    titles = [axes.get_title() for axes in figure.axes]
+    assert titles == ["net, coloured by height", "surface in the picture's grays, lit", "lines of equal gray value"]
+    assert figure.get_suptitle() == "gray values as heights, smoothed by a Gaussian with σ = 2.5 px"
+
+
 def test_seen_from_above_without_perspective_is_the_picture():
     """Straight down, parallel: a grid of rectangles, half a diagonal as the unit, the whole picture."""
     vertices = np.concatenate(_paths(perspective=0.0, elevation=90.0, azimuth=0.0)[0])

@@ -1,3 +1,4 @@
+import io
 import json
 import shutil
 from pathlib import Path
@@ -13,6 +14,7 @@ from jaxlens.experiments import ExperimentError, config, run
 from jaxlens.experiments.schema import Warp
 from jaxlens.experiments.sweeping import estimated_bytes, lanes_within, sweep
 from jaxlens.experiments.tables import csv_text
+from jaxlens.files import file_sha256
 
 FILES = [
     "coverage.png",
@@ -21,6 +23,7 @@ FILES = [
     "manifest.json",
     "metrics.png",
     "metrics.svg",
+    "run.json",
     "table.csv",
 ]
 METRICS = ["snr", "psnr", "rmse", "mae", "mse", "range_snr", "uqi", "ssim", "minkowski", "coverage"]
@@ -38,7 +41,7 @@ def test_a_second_run_gives_the_same_bytes_and_replaces_the_first(first_run, fol
     assert [path.name for path in second.files] == FILES
     after = contents(second.folder)
     for found in (before, after):
-        del found["manifest.json"]
+        del found["run.json"]
     assert after == before
     assert [path.name for path in Path("results").iterdir()] == ["tiny"]
 
@@ -62,9 +65,39 @@ def test_the_manifest(first_run):
     assert (manifest["dtype"], manifest["seed"]) == ("float64", 0)
     assert manifest["configuration_sha256"] == config.load(first_run.config).digest()
     assert manifest["inputs"][0]["file"] == "tiny.png"
-    assert {"python", "jax", "jaxlib", "numpy", "jaxlens"} <= set(manifest["versions"])
-    assert sorted([*manifest["files"], "manifest.json"]) == FILES
+    assert sorted([*manifest["files"], "manifest.json", "run.json"]) == FILES
     assert str(first_run.config.parent) not in text
+
+
+def test_without_a_lens_the_picture_is_identical(folder: Path):
+    text = Path("tiny.toml").read_text(encoding="utf-8").replace("[[0, 1],", "[[0, 0], [0, 1],")
+    Path("tiny.toml").write_text(text, encoding="utf-8")
+    printed = io.StringIO()
+    report = run("tiny.toml", console=Console(file=printed, width=100), progress=Console(quiet=True))
+    header, first, *_ = (line.split(",") for line in (report.folder / "table.csv").read_text().splitlines())
+    row = dict(zip(header, map(float, first), strict=True))
+    assert row["psnr"] == row["snr"] == np.inf
+    assert row["rmse"] == row["mae"] == 0
+    assert "in all 6 rows" in printed.getvalue()
+
+
+def test_the_report_says_that_the_papers_picture_is_not_published(first_run):
+    assert "The paper does not publish its picture" in first_run.stdout
+
+
+def test_figures_have_their_full_colours(first_run):
+    with PIL.Image.open(first_run.report.folder / "errors.png") as picture:
+        assert picture.mode == "RGB"
+        assert len(picture.getcolors(10**7)) > 256
+
+
+def test_the_record_of_the_run_holds_what_differs_from_run_to_run(first_run):
+    record = json.loads((first_run.report.folder / "run.json").read_text())
+    assert record == first_run.report.record
+    assert {"python", "jax", "jaxlib", "numpy", "jaxlens"} <= set(record["versions"])
+    assert {"commit", "source_sha256", "device", "platform", "date", "seconds"} <= set(record)
+    assert not set(record) & set(first_run.report.manifest)
+    assert record["manifest_sha256"] == file_sha256(first_run.report.folder / "manifest.json")
 
 
 def test_the_report_shows_ours_the_papers_and_what_holds(first_run):

@@ -186,7 +186,7 @@ def test_the_experiment_writes_its_folder_and_the_same_bytes_again(tmp_path: Pat
     names = {path.name for path in first.files}
     assert {"table.csv", "parameters.csv", "profiles.csv", "pictures.png", "residuals.svg", "knowledge.png"} <= names
     for one, other in zip(first.files, second.files, strict=True):
-        assert one.name == "manifest.json" or one.read_bytes() == other.read_bytes()
+        assert one.name == "run.json" or one.read_bytes() == other.read_bytes()
     with (first.folder / "table.csv").open() as file:
         table = list(csv.DictReader(file))
     assert len(table) == 6 * 12

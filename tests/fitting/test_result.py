@@ -1,6 +1,7 @@
 """What a fit returns: names, errors, correlations, the table, its warnings, and what each status means."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -33,7 +34,7 @@ def _fit(**changes):
         "per_view_rms": None,
         "degrees_of_freedom": jnp.asarray(77),
         "loss_scale": jnp.asarray(jnp.inf),
-        "status": jnp.asarray(int(FitStatus.CONVERGED)),
+        "status_code": jnp.asarray(int(FitStatus.CONVERGED)),
         "steps": jnp.asarray(5),
         "folds": jnp.asarray(False),
     }
@@ -51,6 +52,24 @@ def test_status_values():
         ("NOT_FINITE", 5),
         ("UNEXPLAINED", 6),
     ]
+
+
+def test_a_status_is_printed_by_its_name():
+    assert str(FitStatus.MAX_STEPS) == f"{FitStatus.MAX_STEPS}" == "MAX_STEPS"
+    assert f"{jl.InverseStatus.NO_PREIMAGE:>12}" == " NO_PREIMAGE"
+    fit = _fit(status_code=jnp.asarray(3))
+    assert fit.status is FitStatus.RANK_DEFICIENT
+    assert "status_code=<FitStatus.RANK_DEFICIENT: 3>" in str(fit)
+
+
+def test_a_status_is_a_number_where_it_is_not_known_or_of_many():
+    fit = _fit(status_code=jnp.asarray(3))
+    assert int(jax.jit(lambda fit: fit.status + 1)(fit)) == 4
+    fits = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), fit)
+    assert fits.status.tolist() == jax.vmap(lambda fit: fit.status)(fits).tolist() == [3, 3]
+    assert "status_code=weak_i32[2]" in repr(fits)
+    assert "status_code=ShapeDtypeStruct" in repr(jax.eval_shape(lambda: fit))
+    assert jax.device_get(fit).status is FitStatus.RANK_DEFICIENT
 
 
 def test_parameters_errors_and_correlations(x64):
@@ -83,7 +102,7 @@ def test_summary(x64):
 
 
 def test_summary_of_what_is_not_known(x64):
-    fit = _fit(covariance=jnp.full((3, 3), jnp.nan), inflation=jnp.full(3, jnp.inf), status=jnp.asarray(3))
+    fit = _fit(covariance=jnp.full((3, 3), jnp.nan), inflation=jnp.full(3, jnp.inf), status_code=jnp.asarray(3))
     text = fit.summary()
     for name in NAMES:
         row = next(line for line in text.splitlines() if line.startswith(name))
@@ -121,7 +140,7 @@ def test_warnings(x64):
     ],
 )
 def test_a_failure_is_raised_unless_told_otherwise(x64, status, message):
-    fit = _fit(status=jnp.asarray(int(status)))
+    fit = _fit(status_code=jnp.asarray(int(status)))
     with pytest.raises(FitError, match=message):
         checked(fit, True)
     assert checked(fit, False) is fit
@@ -129,7 +148,7 @@ def test_a_failure_is_raised_unless_told_otherwise(x64, status, message):
 
 
 def test_one_parameter_that_is_not_determined(x64):
-    fit = _fit(status=jnp.asarray(3), information=jnp.diag(jnp.array([1.0, 1.0, 1e-20])))
+    fit = _fit(status_code=jnp.asarray(3), information=jnp.diag(jnp.array([1.0, 1.0, 1e-20])))
     assert "the data do not determine center_x (condition" in explain(fit)
 
 

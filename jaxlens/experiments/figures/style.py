@@ -75,32 +75,17 @@ def new_figure(width: float, height: float, *, by_hand: bool = False) -> Figure:
 def save(figure: Figure, folder: Path, stem: str, *, vector: bool = False, dpi: int = _DPI) -> None:
     """Writes a figure as PNG, and as SVG too where it is line art, without dates or versions.
 
-    The PNG is gray where nothing in it has a colour, and else has a palette of 256, which here cannot be told from
-    the full colours, at a third of the size.
+    The PNG is gray where nothing in it has a colour, and else in full colours: a palette makes bands of colour bars.
     """
     canvas = FigureCanvasAgg(figure)
     figure.set_dpi(dpi)
     canvas.draw()
     pixels = np.asarray(canvas.buffer_rgba())[..., :3]
     gray = bool((pixels == pixels[..., :1]).all())
-    picture = PIL.Image.fromarray(np.ascontiguousarray(pixels[..., 0])) if gray else _with_palette(pixels)
+    picture = PIL.Image.fromarray(np.ascontiguousarray(pixels[..., 0] if gray else pixels))
     picture.save(folder / f"{stem}.png", optimize=True, dpi=(dpi, dpi))
     if vector:
         figure.savefig(folder / f"{stem}.svg", metadata={"Date": None, "Creator": None})
-
-
-def _with_palette(pixels: np.ndarray) -> PIL.Image.Image:
-    """Reduces a picture to 256 colours, half of them grays, so that white stays white and text gray."""
-    none = PIL.Image.Dither.NONE
-    colored = (pixels != pixels[..., :1]).any(axis=-1)
-    own = PIL.Image.fromarray(pixels[colored][None])
-    own = own.quantize(128, method=PIL.Image.Quantize.MEDIANCUT, dither=none)
-    index = np.round(pixels[..., 0] * (127 / 255)).astype(np.uint8)
-    index[colored] = 128 + np.asarray(own)[0]
-    picture = PIL.Image.fromarray(index)
-    grays = np.repeat(np.linspace(0, 255, 128).round().astype(int), 3).tolist()
-    picture.putpalette(grays + (own.getpalette() or []))
-    return picture
 
 
 def plain(text: str) -> str:

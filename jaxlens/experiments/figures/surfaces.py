@@ -17,8 +17,15 @@ Drawing = Literal["mesh", "filled", "isolines"]
 """`mesh` is a net whose back is hidden, `filled` a surface in the picture's own grays under a light, `isolines` lines
 of equal height."""
 
+_TITLES = {
+    "mesh": "net, coloured by height",
+    "filled": "surface in the picture's grays, lit",
+    "isolines": "lines of equal gray value",
+}
 # Cells along the longer side, of a net and of a closed surface.
-_NET, _FINE = 72, 240
+_NET, _FINE = 72, 480
+# By how much lines are drawn nearer than they are, in half diagonals.
+_ABOVE = 0.025
 # The light on a filled surface, to the viewer's upper left: x right, y up the picture, z up.
 _LIGHT = np.array([-0.4, 0.35, 0.85]) / np.linalg.norm([-0.4, 0.35, 0.85])
 _AMBIENT = 0.45
@@ -39,7 +46,7 @@ def surface_figure(
     with style():
         rows = int(np.ceil(len(drawings) / 3))
         columns = min(len(drawings), 3)
-        figure = new_figure(WIDTH, rows * WIDTH / max(columns, 2))
+        figure = new_figure(WIDTH, 0.3 + rows * WIDTH / max(columns, 2))
         for axes, drawing in zip(figure.subplots(rows, columns, squeeze=False).flat, drawings, strict=False):
             draw_surface(
                 axes,
@@ -52,7 +59,9 @@ def surface_figure(
                 azimuth=azimuth,
                 elevation=elevation,
             )
-            axes.set_title(drawing, pad=4)
+            axes.set_title(_TITLES[drawing], pad=4)
+        blur = f", smoothed by a Gaussian with σ = {smoothing:g} px" if smoothing else ""
+        figure.suptitle(f"gray values as heights{blur}", fontsize=10)
         return figure
 
 
@@ -121,12 +130,12 @@ def draw_surface(
         segments = np.concatenate([lines, border])
         shapes += list(camera.flatten(segments))
         # Lines lie in the surface: a little nearer, so that their own cells do not hide them.
-        order = np.concatenate([order, camera.nearness(segments).mean(axis=1) + 6.0 / _FINE])
+        order = np.concatenate([order, camera.nearness(segments).mean(axis=1) + _ABOVE])
         level = lines[:, 0, 2] / max(relief, 1e-12)
         gray_border = np.broadcast_to(to_rgba(MUTED), (len(border), 4))
         edges = np.concatenate([edges, colormaps["viridis"](0.9 * np.clip(level, 0, 1)), gray_border])
         faces = np.concatenate([faces, np.zeros((len(segments), 4))])
-        widths = np.concatenate([widths, np.full(len(segments), 0.9)])
+        widths = np.concatenate([widths, np.full(len(segments), 0.8)])
     painted = np.argsort(order, kind="stable")  # the farthest first
     axes.add_collection(
         PolyCollection(
@@ -134,6 +143,8 @@ def draw_surface(
             facecolors=faces[painted],
             edgecolors=edges[painted],
             linewidths=widths[painted],
+            capstyle="round",
+            joinstyle="round",
             rasterized=True,
         )
     )

@@ -15,8 +15,9 @@ from jaxlens.experiments.schema import Experiment, SweepExperiment
 _TITLE = "Lens distortion, reproduced"
 _ABOUT = (
     "Every experiment as jaxlens reproduce carried it out: figures and tables, the paper's numbers beside ours where "
-    "it has any, all parameters, and the code, inputs and versions that the results came from. The page holds all it "
-    "shows; links to files work where it lies beside their folders."
+    "it has any, all parameters, and the checksums of what went in and what came out. The page holds all it shows; "
+    "links to files work where it lies beside their folders. When, where and on which versions a result was made "
+    "stands in the run.json of its folder, on the machine that made it."
 )
 _PAPER = (
     "The paper is Darujati, Gumelar, Nugroho and Hariadi, “Getting 3D Facial Image Distortion Using Pincushion "
@@ -95,7 +96,7 @@ def _section(section: Section, embed: Callable[[Path], Embedded]) -> Markup:
     return element(
         "section",
         element("h2", section.title),
-        element("p", _origin(section), class_="about"),
+        element("p", section.source, class_="about"),
         element("p", section.note, class_="note") if section.note else None,
         element("p", experiment.caption) if experiment.caption else None,
         *(comparison(path) for path in tables if compared and path.stem == "table"),
@@ -104,13 +105,6 @@ def _section(section: Section, embed: Callable[[Path], Embedded]) -> Markup:
         *(_provenance(section, files) if section.manifest else ()),
         id=experiment.name,
     )
-
-
-def _origin(section: Section) -> str:
-    """One line: the configuration's file, and how long it took where."""
-    manifest = section.manifest or {}
-    seconds, device = manifest.get("seconds"), manifest.get("device")
-    return section.source + (f" · {seconds:.0f} s on {device}" if isinstance(seconds, int | float) else "")
 
 
 def _by_stem(files: Iterable[Path]) -> list[tuple[str, list[Path]]]:
@@ -137,7 +131,8 @@ def _figure(section: Section, stem: str, paths: list[Path], embed: Callable[[Pat
     files = [join(" ", link(path.suffix[1:].upper(), name, path.name)) for path in paths]
     return element(
         "figure",
-        element("div", picture, class_="scroll", role="region", aria_label=f"Figure {stem}", tabindex=0),
+        # On a phone it is as wide as the page, and a touch opens the file.
+        link(picture, name, paths[0].name),
         element("figcaption", caption, element("span", *files, class_="files")),
         id=f"{name}.{stem}",
     )

@@ -67,8 +67,6 @@ summary { cursor: pointer; padding: .4rem 0; color: var(--link); }
 @media (max-width: 36rem) {
   h1 { font-size: 1.6rem; }
   h2 { font-size: 1.25rem; }
-  /* As much smaller as its labels can be read; the rest is to the side. */
-  figure img { max-width: none; width: 31rem; }
   th, td { padding-left: .4rem; padding-right: .4rem; }
   table { font-size: .8125rem; }
 }

@@ -76,7 +76,12 @@ def comparison(path: Path) -> Markup:
         element("th", metric.upper(), element("small", _UNITS[metric]), scope="col", class_="number")
         for metric in paper.METRICS
     ]
-    about = element("p", "Ours, the paper's, and ours less the paper's.", class_="about")
+    about = element(
+        "p",
+        "Ours, the paper's, and ours less the paper's. The paper does not publish its picture, so its numbers cannot "
+        "be met digit by digit.",
+        class_="about",
+    )
     notes = [
         f"* In row ({row.kappa[0]:g}, {row.kappa[1]:g}) the paper prints another row's RMSE and MAE again. Its own "
         f"PSNR there implies an RMSE of {paper.implied_rmse(row.psnr):.3f}."
@@ -163,7 +168,7 @@ def _cell(text: str, numeric: bool) -> str:
 
 
 def _minus(text: str) -> str:
-    return text.replace("-", "−")
+    return text.replace("-", "−").replace("inf", "∞")
 
 
 def _kind(numeric: bool) -> str | None:

@@ -65,7 +65,7 @@ def _draw_pictures(
     lenses = kappa[chosen]
     pictures = deform_all(source.pixels, lenses, experiment.warp)
     titles = [kappa_label(one) for one in lenses]
-    decibels = [f"PSNR {value:.2f} dB" for value in scores["psnr"][chosen]]
+    decibels = [f"PSNR {value:.2f} dB" if np.isfinite(value) else "identical" for value in scores["psnr"][chosen]]
     save(deformed_panel(source.pixels, pictures, titles, decibels, source.peak), folder, "deformed")
     means = [f"mean |error| {value:.1f}" for value in scores["mae"][chosen]]
     errors = [picture - source.pixels for picture in pictures]
