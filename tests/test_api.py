@@ -147,14 +147,10 @@ def test_every_argument_and_result_is_annotated(name):
     assert name in CONSTRUCTORS or signature.return_annotation is not inspect.Signature.empty
 
 
-# What may be left out, and yet is data rather than an option.
-DATA = {"mask", "spacing", "weights", "lower", "upper", "origin", "axes", "source"}
-
-
 @pytest.mark.parametrize("name", [*CALLABLES, *CONSTRUCTORS])
 def test_options_are_given_by_keyword(name):
     for parameter in inspect.signature((CALLABLES | CONSTRUCTORS)[name]).parameters.values():
-        if parameter.default is not inspect.Parameter.empty and parameter.name not in DATA:
+        if parameter.default is not inspect.Parameter.empty:
             assert parameter.kind is inspect.Parameter.KEYWORD_ONLY, parameter.name
 
 

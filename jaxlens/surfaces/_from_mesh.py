@@ -89,7 +89,7 @@ def from_mesh(
     flat = relative[:, :2] * [1, -1] / step
     if not perspective:
         found = rasterize(middle + flat, vertices[:, 2], faces, height, width)
-        return DepthMap(found, np.isfinite(found), step)
+        return DepthMap(found, mask=np.isfinite(found), spacing=step)
     ahead = distance - relative[:, 2]
     nearest = ahead[used].min()
     if nearest <= 1e-6 * distance:
@@ -102,7 +102,7 @@ def from_mesh(
     found = rasterize(middle + flat * (distance / ahead)[:, None], 1 / ahead, faces, height, width)
     seen = np.isfinite(found)
     depth = distance - 1 / np.where(seen, found, 1) + (vertices - relative)[0, 2]
-    return DepthMap(np.where(seen, depth, np.nan), seen, step)
+    return DepthMap(np.where(seen, depth, np.nan), mask=seen, spacing=step)
 
 
 def _center(vertices: np.ndarray, center: ArrayLike | Sequence[ArrayLike] | None) -> np.ndarray:
