@@ -15,7 +15,6 @@ from jaxlens import (
     diagnostics,
     fitting,
     images,
-    maps,
     metrics,
     projections,
     self_calibration,
@@ -215,9 +214,3 @@ def test_options_are_given_by_keyword(name):
     for parameter in inspect.signature((CALLABLES | CONSTRUCTORS)[name]).parameters.values():
         if parameter.default is not inspect.Parameter.empty:
             assert parameter.kind is inspect.Parameter.KEYWORD_ONLY, parameter.name
-
-
-@pytest.mark.parametrize("name", [name for name, value in CLASSES.items() if issubclass(value, maps.CoordinateMap)])
-def test_every_map_keeps_the_contract(name):
-    for method in ("__call__", "invert", "preimages", "one_to_one", "jacobian", "jacobian_determinant", "inverse"):
-        assert callable(getattr(CLASSES[name], method))
