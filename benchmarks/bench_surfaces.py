@@ -24,9 +24,9 @@ def _geodesic(race, dtype, peer, size=SIZE):
         return float(np.max(np.abs(found[far] / exact[far] - 1)))
 
     with jax.enable_x64(dtype == np.float64):
-        surface = jl.surfaces.DepthMap(jnp.asarray(depth.astype(dtype)), mask)
+        surface = jl.surfaces.DepthMap(jnp.asarray(depth.astype(dtype)), mask=mask)
         start = jnp.asarray(source, dtype)
-        ours = lambda: jl.surfaces.geodesic_distance(surface, start)  # noqa: E731
+        ours = lambda: jl.surfaces.geodesic_distance(surface, source=start)  # noqa: E731
         theirs = None if peer is None else peer(depth, mask, source)
         found = check(RELATIVE, error, ours, theirs, limit=LIMIT, peer_limit=PEER_LIMIT)
         race(
@@ -66,7 +66,7 @@ def bench_radial(race):
     middle = (SIZE - 1) / 2
     rho = np.hypot(*(np.mgrid[:SIZE, :SIZE] - middle))
     radius = float(np.hypot(depth[SIZE // 2, SIZE // 2], rho[SIZE // 2, SIZE // 2]))
-    surface = jl.surfaces.DepthMap(jnp.asarray(depth.astype(np.float32)), mask)
+    surface = jl.surfaces.DepthMap(jnp.asarray(depth.astype(np.float32)), mask=mask)
     source = jnp.full(2, middle, jnp.float32)
     ours = lambda: jl.surfaces.radial_geodesic_distance(surface, source)  # noqa: E731
     exact = radius * np.arcsin(np.where(mask, rho, 0) / radius)

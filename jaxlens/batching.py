@@ -1,5 +1,6 @@
 """How a batch of large problems is solved: one after another, so that each finds its temporary memory in the cache."""
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -15,7 +16,8 @@ _LARGE = 1 << 15
 def in_turns(function: Callable[..., Any]) -> Callable[..., Any]:
     """Returns a function whose `jax.vmap` runs large problems in turns, and small ones together.
 
-    In turns, too, each problem takes only its own branch of a `cond`, and its own number of steps.
+    In turns, too, each problem takes only its own branch of a `cond`, and its own number of steps. Where there are
+    several devices a turn has a problem for each, so that a batch that is sharded over them stays where it is.
 
     Args:
         function: Without derivatives; its second argument is an array as large as the problem.
@@ -25,13 +27,19 @@ def in_turns(function: Callable[..., Any]) -> Callable[..., Any]:
     @batched.def_vmap
     def batch(size, is_batched, *arguments):
         elements = arguments[1].size // (size if is_batched[1] else 1)
-        if elements < _LARGE:
+        # Sizes may be symbols of `jax.export`: any, thus perhaps large.
+        if isinstance(elements, int) and elements < _LARGE:
             axes = jax.tree.map(lambda batched: 0 if batched else None, is_batched)
             results = jax.vmap(function, in_axes=tuple(axes), axis_size=size)(*arguments)
         else:
-            results = lax.map(
-                lambda each: batched(*each), jax.tree.map(_repeated(size), tuple(arguments), tuple(is_batched))
-            )
+            arguments = jax.tree.map(_repeated(size), tuple(arguments), tuple(is_batched))
+            together = math.gcd(size, jax.device_count()) if isinstance(size, int) else 1
+            if together == 1:
+                results = lax.map(lambda each: batched(*each), arguments)
+            else:
+                several = in_turns(jax.vmap(function))
+                turns = jax.tree.map(lambda leaf: _dealt(leaf, together), arguments)
+                results = jax.tree.map(_collected, lax.map(lambda each: several(*each), turns))
         return results, jax.tree.map(lambda _: True, results)
 
     return batched
@@ -39,3 +47,13 @@ def in_turns(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def _repeated(size: int) -> Callable[[Any, bool], Any]:
     return lambda leaf, batched: leaf if batched else jnp.broadcast_to(leaf, (size, *jnp.shape(leaf)))
+
+
+def _dealt(leaf: jax.Array, hands: int) -> jax.Array:
+    """Deals a batch out in runs, as devices hold it: (turns, hands, …)."""
+    return jnp.swapaxes(leaf.reshape(hands, -1, *leaf.shape[1:]), 0, 1)
+
+
+def _collected(leaf: jax.Array) -> jax.Array:
+    """Undoes `_dealt`."""
+    return jnp.swapaxes(leaf, 0, 1).reshape(-1, *leaf.shape[2:])

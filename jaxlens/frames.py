@@ -38,6 +38,8 @@ class Frame(eqx.Module):
         With pixel centres at integers the middle of the image is ((w − 1)/2, (h − 1)/2); Eq. 10's centre lies half
         a pixel to the right of it and below. See `docs/conventions.md`.
         """
+        # Floating first: a size may be a symbol of `jax.export`, and of such there is no root.
+        width, height = 1.0 * width, 1.0 * height
         return cls([width / 2, height / 2], (width**2 + height**2) ** 0.5 / 2)
 
     @classmethod

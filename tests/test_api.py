@@ -15,7 +15,6 @@ from jaxlens import (
     diagnostics,
     fitting,
     images,
-    maps,
     metrics,
     projections,
     self_calibration,
@@ -116,19 +115,82 @@ print(*[name for name in before if jax.config.values[name] != before[name]])
     assert run(code) == []
 
 
-def test_the_core_knows_no_files():
-    """Each layer imports only from those above it: what is below the line in the design is not seen from above."""
-    core = [*PACKAGE.glob("*.py")]
-    for folder in ("deformations", "fitting", "lenses", "metrics"):
-        core += (PACKAGE / folder).glob("*.py")
-    below = ("jaxlens.images", "jaxlens.experiments", "jaxlens.cli", "jaxlens.files", "imageio", "PIL", "matplotlib")
-    for path in core:
-        if path.name in ("__init__.py", "__main__.py", "files.py") and path.parent == PACKAGE:
-            continue
+# The packages and modules directly below `jaxlens`, from the top of the design's list down; those of a row are peers,
+# and may see each other.
+LAYERS = (
+    ("numerics", "newton", "polynomials", "definite", "batching"),
+    ("frames", "maps"),
+    ("lenses",),
+    ("deformations",),
+    ("pyramid", "sampling", "warping"),
+    ("diagnostics",),
+    ("metrics",),
+    ("projections",),
+    ("fitting", "self_calibration"),
+    ("files", "columns"),
+    ("surfaces",),
+    ("images", "calibrations"),
+    ("experiments",),
+    ("cli",),
+    ("__main__",),
+)
+DEPTHS = {name: depth for depth, names in enumerate(LAYERS) for name in names}
+PURE = [name for names in LAYERS[: LAYERS.index(("files", "columns"))] for name in names]
+# Imports of a private name across packages, each with the reason why it is still there. Only ever shorter.
+TRESPASSES = {
+    ("experiments", "fitting._homographies"): "rotation studies start from homographies; to be public in fitting",
+    ("experiments", "fitting._poses"): "as above, for rotation matrices",
+    (
+        "experiments",
+        "fitting._problem",
+    ): "studies of unknown pictures are fits of their own; to be public in fitting",
+    ("experiments", "fitting._solver"): "as above, for its unknowns",
+    ("fitting", "deformations._dlt"): "boards start from the same linear transform as homographies; to be public",
+    ("self_calibration", "fitting._homographies"): "to be public in fitting",
+    ("self_calibration", "fitting._poses"): "to be public in fitting",
+}
+
+
+def imports():
+    """(file, module or package directly below `jaxlens`, imported name in full), for every import there is."""
+    for path in sorted(PACKAGE.rglob("*.py")):
+        where = path.relative_to(PACKAGE).with_suffix("").parts
         for node in ast.walk(ast.parse(path.read_text())):
-            imported = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-            imported += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            assert not [name for name in imported if name.startswith(below)], path
+            if isinstance(node, ast.Import):
+                yield from ((path, where[0], alias.name) for alias in node.names)
+            if isinstance(node, ast.ImportFrom):
+                assert node.level == 0, f"{path}: imports are written in full"
+                yield from ((path, where[0], f"{node.module}.{alias.name}") for alias in node.names)
+
+
+def test_every_module_has_a_layer():
+    there = {path.stem for path in PACKAGE.iterdir() if path.suffix == ".py" or (path / "__init__.py").exists()}
+    assert set(DEPTHS) == there - {"__init__"}
+
+
+def test_each_layer_imports_only_from_those_above_it():
+    for path, here, imported in imports():
+        package, *rest = imported.split(".")
+        if here != "__init__" and package == "jaxlens" and rest and rest[0] in DEPTHS:
+            assert DEPTHS[rest[0]] <= DEPTHS[here], f"{path}: {here} stands above {rest[0]}"
+
+
+def test_the_core_knows_no_files():
+    """What is below the line in the design is not seen from above, nor are the libraries that read and draw."""
+    for path, here, imported in imports():
+        if here in PURE:
+            assert not imported.startswith(("imageio", "PIL", "matplotlib", "tifffile", "trimesh")), path
+
+
+def test_private_names_do_not_cross_a_package():
+    found = set()
+    for path, here, imported in imports():
+        package, *rest = imported.split(".")
+        private = [part for part in rest if part.startswith("_") and not part.startswith("__")]
+        if package == "jaxlens" and private and rest[0] != here:
+            found.add((here, ".".join(rest[: rest.index(private[0]) + 1])))
+            assert (here, ".".join(rest[: rest.index(private[0]) + 1])) in TRESPASSES, f"{path}: {imported} is private"
+    assert found == set(TRESPASSES), "these are mended: take them off the list"
 
 
 @pytest.mark.parametrize("name", [*PUBLIC, *METHODS])
@@ -147,18 +209,8 @@ def test_every_argument_and_result_is_annotated(name):
     assert name in CONSTRUCTORS or signature.return_annotation is not inspect.Signature.empty
 
 
-# What may be left out, and yet is data rather than an option.
-DATA = {"mask", "spacing", "weights", "lower", "upper", "origin", "axes", "source"}
-
-
 @pytest.mark.parametrize("name", [*CALLABLES, *CONSTRUCTORS])
 def test_options_are_given_by_keyword(name):
     for parameter in inspect.signature((CALLABLES | CONSTRUCTORS)[name]).parameters.values():
-        if parameter.default is not inspect.Parameter.empty and parameter.name not in DATA:
+        if parameter.default is not inspect.Parameter.empty:
             assert parameter.kind is inspect.Parameter.KEYWORD_ONLY, parameter.name
-
-
-@pytest.mark.parametrize("name", [name for name, value in CLASSES.items() if issubclass(value, maps.CoordinateMap)])
-def test_every_map_keeps_the_contract(name):
-    for method in ("__call__", "invert", "preimages", "one_to_one", "jacobian", "jacobian_determinant", "inverse"):
-        assert callable(getattr(CLASSES[name], method))

@@ -99,8 +99,8 @@ def load_surface(
             size = _SIZE if view.size is None else parse_size(view.size, "--size")
             width, height = _within(size, max_points)
             mesh, options = load_mesh(path), {"projection": view.projection, "field_of_view": view.field_of_view}
-            depth_map, normals = (make(mesh, height, width, **options) for make in (from_mesh, normals_from_mesh))
-            return Surface(depth_map, normals, size)
+            normals = normals_from_mesh(mesh, height, width, **options)
+            return Surface(from_mesh(mesh, height, width, **options), normals, size)
         picture = read_picture(path, max_pixels)
         gray, white = gray_values(picture)
         if not np.isfinite(gray).any():

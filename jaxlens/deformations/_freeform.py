@@ -61,6 +61,7 @@ class FreeForm(CoordinateMap):
     def __init__(
         self,
         control_points: ArrayLike | list | tuple,
+        *,
         weights: ArrayLike | list | tuple | None = None,
         lower: ArrayLike | list | tuple = (0.0, 0.0),
         upper: ArrayLike | list | tuple = (1.0, 1.0),
@@ -80,6 +81,7 @@ class FreeForm(CoordinateMap):
         cls,
         m: int,
         n: int,
+        *,
         lower: ArrayLike | list | tuple = (0.0, 0.0),
         upper: ArrayLike | list | tuple = (1.0, 1.0),
     ) -> "FreeForm":

@@ -74,6 +74,7 @@ class FreeForm3D(eqx.Module):
     def __init__(
         self,
         control_points: ArrayLike | list | tuple,
+        *,
         weights: ArrayLike | list | tuple | None = None,
         origin: ArrayLike | list | tuple = _ORIGIN,
         axes: ArrayLike | list | tuple = _UNIT_AXES,
@@ -94,6 +95,7 @@ class FreeForm3D(eqx.Module):
         l: int,  # noqa: E741
         m: int,
         n: int,
+        *,
         origin: ArrayLike | list | tuple = _ORIGIN,
         axes: ArrayLike | list | tuple = _UNIT_AXES,
     ) -> "FreeForm3D":

@@ -144,7 +144,7 @@ def measure_distances(
     )
     place = nose_tip(depth_map) if source is None else jnp.asarray(source, depth_map.depth.dtype)
     radial = radial_geodesic_distance(depth_map, place)
-    geodesic = geodesic_distance(depth_map, place, progress=progress)
+    geodesic = geodesic_distance(depth_map, source=place, progress=progress)
     offsets = (depth_map.points()[..., :2] - (place * depth_map.spacing)[None, None]).reshape(height, width, 2)
     planar = np.where(mask, np.hypot(*np.moveaxis(np.asarray(offsets), -1, 0)), np.nan)
     return Distances(depth_map, picture, features, np.asarray(place), planar, np.asarray(radial), np.asarray(geodesic))
@@ -202,7 +202,7 @@ def cap_convergence(sizes: Sequence[int], slope: float, dtype: str) -> list[Conv
         squared = x**2 + y**2
         mask = squared < rim**2
         z = np.sqrt(np.where(mask, 1 - squared, 1))
-        cap = DepthMap(jnp.asarray(z, dtype), jnp.asarray(mask), spacing)
+        cap = DepthMap(jnp.asarray(z, dtype), mask=jnp.asarray(mask), spacing=spacing)
         middle = (size - 1) / 2
         apex = np.array([middle, middle])
         other = np.array(_OFF_APEX) * rim
@@ -211,10 +211,10 @@ def cap_convergence(sizes: Sequence[int], slope: float, dtype: str) -> list[Conv
         from_other = np.arccos(np.clip(cosine, -1, 1))
         for name, found, truth in (
             ("radial, from the apex", radial_geodesic_distance(cap, jnp.asarray(apex, dtype)), from_apex),
-            ("geodesic, from the apex", geodesic_distance(cap, jnp.asarray(apex, dtype)), from_apex),
+            ("geodesic, from the apex", geodesic_distance(cap, source=jnp.asarray(apex, dtype)), from_apex),
             (
                 "geodesic, from elsewhere",
-                geodesic_distance(cap, jnp.asarray(apex + other / spacing, dtype)),
+                geodesic_distance(cap, source=jnp.asarray(apex + other / spacing, dtype)),
                 from_other,
             ),
         ):

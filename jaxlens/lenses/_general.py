@@ -5,7 +5,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Bool, Float, Int8
+from jax.core import min_dim
+from jaxtyping import Array, Bool, Float, Int, Int8
 
 from jaxlens.batching import in_turns
 from jaxlens.lenses._region import PlaneMap, Region, find_region
@@ -65,12 +66,12 @@ def solve(lens: Any, x: Plane, y: Plane) -> tuple[Plane, Plane, Int8[Array, "*ba
     status = jnp.where(beyond, InverseStatus.NO_PREIMAGE, InverseStatus.CONVERGED).astype(jnp.int8)
 
     # The second chance takes what is left, some of it at a time: where nothing is, it costs nothing, not even memory.
-    batch = min(_BATCH, x.size)
+    batch = min_dim(_BATCH, x.size)
 
     def refine(state):
         root_x, root_y, status, left = state
         # The places of the first of them, and the end for those that there are not.
-        index = jnp.searchsorted(jnp.cumsum(left), jnp.arange(1, batch + 1))
+        index = _places(jnp.cumsum(left), jnp.arange(1, batch + 1))
         goal = join(*(plane.at[index].get(mode="fill", fill_value=0) for plane in target))
         goal = jnp.where((index < x.size)[..., None], goal, image[None])
         start = jnp.broadcast_to(region.center, goal.shape)
@@ -85,6 +86,22 @@ def solve(lens: Any, x: Plane, y: Plane) -> tuple[Plane, Plane, Int8[Array, "*ba
     state = lax.while_loop(lambda state: jnp.any(state[-1]), refine, (*root, status, ~done))
     root_x, root_y, status = (plane.reshape(shape) for plane in state[:-1])
     return root_x, root_y, status
+
+
+def _places(counts: Int[Array, " size"], ranks: Int[Array, " batch"]) -> Int[Array, " batch"]:
+    """The first place at which rising counts reach each rank, or their end.
+
+    Is `jnp.searchsorted`, which cannot do with a size that is a symbol of `jax.export`.
+    """
+
+    def halve(bracket):
+        low, high = bracket
+        middle = low + (high - low) // 2
+        before = (low < high) & (counts[middle] < ranks)
+        return jnp.where(before, middle + 1, low), jnp.where(before, high, middle)
+
+    bracket = jnp.zeros_like(ranks), jnp.full_like(ranks, counts.size)
+    return lax.while_loop(lambda bracket: jnp.any(bracket[0] < bracket[1]), halve, bracket)[0]
 
 
 def _newton_step(function: PlaneMap, root: tuple[Plane, Plane], target: tuple[Plane, Plane]) -> tuple[Plane, Plane]:

@@ -89,7 +89,7 @@ def deform_depth_map(
     mask = covered & exists
     depth = remap(jnp.where(depth_map.mask, depth_map.depth, 0), source, method=method)
     folded = exists & ~mapping.one_to_one(points)
-    return DeformedDepthMap(DepthMap(jnp.where(mask, depth, 0), mask, depth_map.spacing), folded)
+    return DeformedDepthMap(DepthMap(jnp.where(mask, depth, 0), mask=mask, spacing=depth_map.spacing), folded)
 
 
 def deform_mesh(mesh: Mesh, mapping: CoordinateMap | SpaceMap, *, frame: Frame | None = None) -> DeformedMesh:

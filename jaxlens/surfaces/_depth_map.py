@@ -39,6 +39,7 @@ class DepthMap(eqx.Module):
     def __init__(
         self,
         depth: ArrayLike,
+        *,
         mask: ArrayLike | None = None,
         spacing: ArrayLike | list | tuple = 1.0,
     ):

@@ -127,7 +127,7 @@ def face(height: int, width: int, *, shape: FaceShape | None = None, view: Float
         [24.5, 37.59]
     """
     x, y, pitch, shape = _grid(height, width, shape, view)
-    return DepthMap(shape.depth_at(x, y), shape.inside(x, y), pitch)
+    return DepthMap(shape.depth_at(x, y), mask=shape.inside(x, y), spacing=pitch)
 
 
 @partial(jax.jit, static_argnames=("height", "width"))

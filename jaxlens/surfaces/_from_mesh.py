@@ -64,7 +64,7 @@ def from_mesh(
         [[1, 0, 0], [1, 1, 0], [1, 1, 1]]
     """
     seen = look_at(mesh, height, width, projection, field_of_view, center, spacing, margin)
-    return DepthMap(seen.depth, seen.face >= 0, seen.spacing)
+    return DepthMap(seen.depth, mask=seen.face >= 0, spacing=seen.spacing)
 
 
 @dataclass(frozen=True, eq=False)

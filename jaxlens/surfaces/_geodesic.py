@@ -28,8 +28,8 @@ _TOLERANCE = {4: 1e-4, 8: 1e-10}
 
 def geodesic_distance(
     depth_map: DepthMap,
-    source: Float[ArrayLike, "*sources 2"] | Sequence | None = None,
     *,
+    source: Float[ArrayLike, "*sources 2"] | Sequence | None = None,
     progress: Progress = None,
 ) -> Float[Array, "height width"]:
     """Returns how far each pixel's point is from a source, along the surface.

@@ -60,7 +60,7 @@ def _radial(depth_map: DepthMap, source: Array) -> Array:
     padded = padded_depth(depth_map)
     z_source = cubic_at(padded, source)
     lengths = _cone(depth_map, padded, source, z_source)
-    turned = DepthMap(depth_map.depth.T, depth_map.mask.T, depth_map.spacing[::-1])
+    turned = DepthMap(depth_map.depth.T, mask=depth_map.mask.T, spacing=depth_map.spacing[::-1])
     sideways = _cone(turned, padded.T, source[::-1], z_source).T
     lengths = jnp.where(jnp.abs(x) <= jnp.abs(y), lengths, sideways)
     return jnp.where(depth_map.mask, lengths, jnp.nan)

@@ -26,7 +26,7 @@ def deformed(m, n, *, spread=0.08, weighted=True, seed=1):
     lattice = np.asarray(FreeForm.identity(m, n, lower=LOWER, upper=UPPER).control_points)
     moved = lattice + spread * random.normal(size=lattice.shape) / np.sqrt(max(m, n) / 3)
     weights = np.exp(0.5 * random.normal(size=(m + 1, n + 1))) if weighted else None
-    return FreeForm(moved, weights, LOWER, UPPER)
+    return FreeForm(moved, weights=weights, lower=LOWER, upper=UPPER)
 
 
 def exactly(mapping, point):
@@ -51,7 +51,7 @@ def exactly(mapping, point):
 def test_the_regular_lattice_is_the_identity(x64, degree):
     """Every degree up to 20, to the last bit, with equal weights of any value."""
     lattice = FreeForm.identity(degree, 21 - degree, lower=LOWER, upper=UPPER)
-    evenly = FreeForm(lattice.control_points, np.full((degree + 1, 22 - degree), 3.7), LOWER, UPPER)
+    evenly = FreeForm(lattice.control_points, weights=np.full((degree + 1, 22 - degree), 3.7), lower=LOWER, upper=UPPER)
     with jax.disable_jit():
         np.testing.assert_array_equal(lattice(AROUND), AROUND)
         np.testing.assert_array_equal(evenly(AROUND), AROUND)
@@ -60,7 +60,7 @@ def test_the_regular_lattice_is_the_identity(x64, degree):
 def test_the_regular_lattice_as_numpy_makes_it(x64):
     axes = [np.linspace(LOWER[k], UPPER[k], size) for k, size in enumerate((21, 14))]
     lattice = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    np.testing.assert_allclose(FreeForm(lattice, None, LOWER, UPPER)(POINTS), POINTS, rtol=0, atol=4e-15)
+    np.testing.assert_allclose(FreeForm(lattice, lower=LOWER, upper=UPPER)(POINTS), POINTS, rtol=0, atol=4e-15)
 
 
 @degrees
@@ -74,7 +74,7 @@ def test_weights_of_any_size(x64):
     """Across twelve orders of magnitude: where a small weight alone is near, the large ones must not drown it."""
     still = FreeForm.identity(4, 3, lower=LOWER, upper=UPPER)
     weights = 10.0 ** np.random.default_rng(3).uniform(-6, 6, (5, 4))
-    mapping = FreeForm(still.control_points, weights, LOWER, UPPER)
+    mapping = FreeForm(still.control_points, weights=weights, lower=LOWER, upper=UPPER)
     corners = np.array([LOWER, UPPER, [LOWER[0], UPPER[1]], LOWER + 1e-6 * (UPPER - LOWER)])
     points = np.concatenate([corners, POINTS[:20]])
     expected = [exactly(mapping, point) for point in points]
@@ -112,7 +112,9 @@ def test_single_precision(dtype):
     still = FreeForm.identity(3, 3, lower=np.asarray([1000, 2000], dtype), upper=np.asarray([1512, 2512], dtype))
     points = (1000 * np.array([1.0, 2.0]) + 512 * UNIT).astype(dtype)
     np.testing.assert_array_equal(still(points), points)
-    moved = FreeForm(still.control_points.at[1, 2].add(8.0), still.weights, still.lower, still.upper)
+    moved = FreeForm(
+        still.control_points.at[1, 2].add(8.0), weights=still.weights, lower=still.lower, upper=still.upper
+    )
     assert moved(points).dtype == dtype
     s, t = (np.float64(points) - [1000, 2000]).T / 512
     expected = 8 * 9 * s * (1 - s) ** 2 * t**2 * (1 - t)
@@ -187,7 +189,9 @@ def test_round_trip_of_strong_deformations(x64):
     still = FreeForm.identity(3, 2, lower=LOWER, upper=UPPER)
     turn = np.array([[0.1, -1.0], [1.2, 0.3]])
     moved = np.asarray(deformed(3, 2).control_points) @ turn.T + np.array([40.0, -7.0])
-    mapping = FreeForm(moved, 10.0 ** np.random.default_rng(4).uniform(-1, 1, (4, 3)), still.lower, still.upper)
+    mapping = FreeForm(
+        moved, weights=10.0 ** np.random.default_rng(4).uniform(-1, 1, (4, 3)), lower=still.lower, upper=still.upper
+    )
     inverse = mapping.invert(mapping(POINTS))
     assert bool(inverse.valid.all())
     np.testing.assert_allclose(inverse.points, POINTS, rtol=0, atol=1e-10)
@@ -197,7 +201,7 @@ def test_what_has_no_preimage(x64):
     """A lattice drawn in by half about the middle: a gap at the border, and nothing else changes outside."""
     still = FreeForm.identity(3, 2, lower=LOWER, upper=UPPER)
     lattice, middle = np.asarray(still.control_points), 0.5 * (LOWER + UPPER)
-    shrunk = FreeForm(middle + 0.5 * (lattice - middle), np.ones((4, 3)), LOWER, UPPER)
+    shrunk = FreeForm(middle + 0.5 * (lattice - middle), weights=np.ones((4, 3)), lower=LOWER, upper=UPPER)
     shares = np.array([0.2, 0.499, 0.501, 0.9, 1.01, 1.5])
     targets = middle + shares[:, None] * (UPPER - middle)
     targets = np.concatenate([targets, [[np.nan, 0.0]]])
@@ -210,12 +214,12 @@ def test_what_has_no_preimage(x64):
     np.testing.assert_allclose(inverse.points[:6], expected, rtol=0, atol=1e-12)
     assert bool(jnp.isfinite(inverse.points).all())
     # Drawn out, it covers points that stay: the preimage is the one in the rectangle.
-    grown = FreeForm(middle + 2 * (lattice - middle), np.ones((4, 3)), LOWER, UPPER)
+    grown = FreeForm(middle + 2 * (lattice - middle), weights=np.ones((4, 3)), lower=LOWER, upper=UPPER)
     inverse = jax.tree.map(lambda leaf: leaf[:7], grown.invert(targets))
     assert inverse.valid.tolist() == [True] * 6 + [False]
     np.testing.assert_allclose(inverse.points[:6], 0.5 * (middle + targets[:6]), rtol=0, atol=1e-12)
     assert bool(grown.one_to_one(POINTS).all())
-    mirrored = FreeForm(lattice[::-1], np.ones((4, 3)), LOWER, UPPER)
+    mirrored = FreeForm(lattice[::-1], weights=np.ones((4, 3)), lower=LOWER, upper=UPPER)
     assert not bool(mirrored.one_to_one(POINTS).any())
 
 
@@ -230,7 +234,7 @@ def test_derivatives(x64, degree):
     cotangent = random.normal(size=points.shape)
 
     def evaluate(control_points, weights, points):
-        return FreeForm(control_points, weights, LOWER, UPPER)(points)
+        return FreeForm(control_points, weights=weights, lower=LOWER, upper=UPPER)(points)
 
     value, forward = jax.jvp(evaluate, leaves, direction)
     _, pull = jax.vjp(evaluate, *leaves)
@@ -247,7 +251,7 @@ def test_derivatives(x64, degree):
         return
 
     def inverse(control_points, weights, points):
-        return FreeForm(control_points, weights, LOWER, UPPER).invert(points).points
+        return FreeForm(control_points, weights=weights, lower=LOWER, upper=UPPER).invert(points).points
 
     _, found = jax.jvp(inverse, (*leaves[:2], value), direction)
     _, change = jax.jvp(lambda *lattice: evaluate(*lattice, points), leaves[:2], direction[:2])
@@ -270,7 +274,9 @@ def test_gradients_where_nothing_counts_are_finite(x64):
 def test_batches(x64):
     lattices = np.stack([np.asarray(deformed(3, 2, seed=seed).control_points) for seed in range(3)])
     weights = np.stack([np.asarray(deformed(3, 2, seed=seed).weights) for seed in range(3)])
-    maps = jax.vmap(lambda control, weights: FreeForm(control, weights, LOWER, UPPER))(lattices, weights)
+    maps = jax.vmap(lambda control, weights: FreeForm(control, weights=weights, lower=LOWER, upper=UPPER))(
+        lattices, weights
+    )
     found = jax.jit(jax.vmap(lambda mapping: mapping.invert(mapping(POINTS)).points))(maps)
     np.testing.assert_allclose(found, np.broadcast_to(POINTS, found.shape), rtol=0, atol=1e-12)
     one = deformed(3, 2)
@@ -280,7 +286,7 @@ def test_batches(x64):
 
 
 def test_what_a_fit_adjusts():
-    mask = FreeForm(np.zeros((3, 4, 2)), np.ones((3, 4))).adjustable()
+    mask = FreeForm(np.zeros((3, 4, 2)), weights=np.ones((3, 4))).adjustable()
     assert (mask.control_points, mask.weights, mask.lower, mask.upper) == (True, False, False, False)
 
 

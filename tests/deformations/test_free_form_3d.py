@@ -21,7 +21,7 @@ def deformed(degrees, *, spread=0.05, seed=1):
     random = np.random.default_rng(seed)
     lattice = np.asarray(FreeForm3D.identity(*degrees, origin=ORIGIN, axes=AXES).control_points)
     moved = lattice + spread * random.normal(size=lattice.shape)
-    return FreeForm3D(moved, np.exp(0.4 * random.normal(size=lattice.shape[:3])), ORIGIN, AXES)
+    return FreeForm3D(moved, weights=np.exp(0.4 * random.normal(size=lattice.shape[:3])), origin=ORIGIN, axes=AXES)
 
 
 @pytest.mark.parametrize("degrees", [(1, 1, 1), (2, 3, 1), (20, 2, 5)], ids=str)
@@ -62,7 +62,7 @@ def test_outside_nothing_moves(x64):
 
 def test_a_box_along_the_axes_owns_its_faces(x64):
     box = FreeForm3D.identity(1, 2, 1, origin=ORIGIN, axes=np.diag([0.1, 0.7, 3.3]))
-    moved = FreeForm3D(box.control_points + 1.0, None, box.origin, box.axes)
+    moved = FreeForm3D(box.control_points + 1.0, origin=box.origin, axes=box.axes)
     corners = np.array(list(np.ndindex(2, 2, 2))) * np.array([0.1, 0.7, 3.3]) + ORIGIN
     np.testing.assert_allclose(moved(corners), corners + 1, rtol=0, atol=1e-14)
 
@@ -71,10 +71,10 @@ def test_freezing(x64):
     """Value and slope vanish at the frozen faces, the second derivative does not."""
     mapping = deformed((4, 4, 1), spread=0.3).freeze(1, sides=["s=0", "t=1"])
     assert mapping.frozen(1, sides=["s=0", "t=1"]).sum() == 2 * (25 - 9)
-    mapping = FreeForm3D(mapping.control_points, mapping.weights)  # in the unit cube, so that normals are axes
+    mapping = FreeForm3D(mapping.control_points, weights=mapping.weights)  # in the unit cube, so that normals are axes
     unit = FreeForm3D.identity(4, 4, 1)
     still = FreeForm3D.identity(4, 4, 1, origin=ORIGIN, axes=AXES).control_points
-    mapping = FreeForm3D(unit.control_points + mapping.control_points - still, mapping.weights)
+    mapping = FreeForm3D(unit.control_points + mapping.control_points - still, weights=mapping.weights)
     start, inward = jnp.array([0.0, 0.5, 0.4]), jnp.array([1.0, 0.0, 0.0])
 
     def along(distance):
@@ -102,10 +102,10 @@ def test_derivatives(x64):
 
 def test_batches(x64):
     lattices = np.stack([np.asarray(deformed((1, 1, 1), seed=seed).control_points) for seed in range(2)])
-    maps = jax.vmap(lambda control: FreeForm3D(control, None, ORIGIN, AXES))(lattices)
+    maps = jax.vmap(lambda control: FreeForm3D(control, origin=ORIGIN, axes=AXES))(lattices)
     found = jax.vmap(lambda mapping: mapping(POINTS))(maps)
     for one, lattice in zip(found, lattices, strict=True):
-        np.testing.assert_allclose(one, FreeForm3D(lattice, None, ORIGIN, AXES)(POINTS), rtol=0, atol=1e-14)
+        np.testing.assert_allclose(one, FreeForm3D(lattice, origin=ORIGIN, axes=AXES)(POINTS), rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize(

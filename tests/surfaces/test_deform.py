@@ -25,7 +25,7 @@ def _affine(matrix, shift):
 
 
 def _surface():
-    return DepthMap(3 + 0.5 * COLUMNS - 0.25 * ROWS, MASK, (0.5, 2.0))
+    return DepthMap(3 + 0.5 * COLUMNS - 0.25 * ROWS, mask=MASK, spacing=(0.5, 2.0))
 
 
 @pytest.mark.parametrize("method", ["nearest", "bilinear", "bicubic"])
@@ -40,7 +40,7 @@ def test_the_identity_changes_nothing(x64, method):
 @pytest.mark.parametrize("method", ["bilinear", "bicubic"])
 def test_a_plane_moved_by_half_a_pixel(x64, method):
     """Exact where the kernel lies inside the mask; outside it, wild depths leave no trace."""
-    wild = DepthMap(jnp.where(MASK, _surface().depth, 1e8), MASK, (0.5, 2.0))
+    wild = DepthMap(jnp.where(MASK, _surface().depth, 1e8), mask=MASK, spacing=(0.5, 2.0))
     frame = jl.Frame([0.0, 0.0], 1.0)
     found = deform_depth_map(wild, _affine(np.eye(2), [0.5, 0.0]), frame=frame, method=method)
     expected = MASK & np.roll(MASK, -1, axis=1)
@@ -57,7 +57,7 @@ def test_the_mask_follows_the_lens(x64):
     """A disk about the frame's centre stays one: its radius goes where the lens sends it."""
     rows, columns = np.mgrid[0:101, 0:101] - 50.0
     radius = np.hypot(rows, columns) / 50
-    surface = DepthMap(jnp.ones((101, 101)), radius < 0.6)
+    surface = DepthMap(jnp.ones((101, 101)), mask=radius < 0.6)
     found = deform_depth_map(surface, jl.Inverted(jl.RadialPolynomial([0.4])), frame=jl.Frame([50.0, 50.0], 50.0))
     edge = 0.6 * (1 + 0.4 * 0.36)
     mask = np.asarray(found.depth_map.mask)
@@ -87,7 +87,7 @@ def test_derivatives_of_a_deformed_depth_map(x64):
     @jax.jit
     def value(depth, kappa):
         mapping = jl.Inverted(jl.RadialPolynomial(kappa))
-        found = deform_depth_map(DepthMap(depth, MASK), mapping).depth_map
+        found = deform_depth_map(DepthMap(depth, mask=MASK), mapping).depth_map
         return jnp.sum(weights * found.depth)
 
     arguments = (depth, jnp.asarray([0.11, -0.02]))

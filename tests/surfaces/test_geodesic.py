@@ -33,7 +33,7 @@ def _cap(size, source, reach=0.9):
     s = middle * np.array([*source, np.sqrt(reach**-2 - np.sum(np.square(source)))])
     points = np.stack([x, y, z], -1)
     angle = np.arctan2(np.linalg.norm(np.cross(points, s), axis=-1), points @ s)
-    return DepthMap(z, mask), (s[0] + middle, s[1] + middle), radius * angle
+    return DepthMap(z, mask=mask), (s[0] + middle, s[1] + middle), radius * angle
 
 
 def _bumps(rows, columns):
@@ -51,13 +51,15 @@ def _bumps(rows, columns):
 def test_planes_are_exact(x64, p, q, spacing, source):
     depth_map = _plane(p, q, spacing)
     expected = _straight(depth_map, source, p, q)
-    np.testing.assert_allclose(geodesic_distance(depth_map, source), expected, rtol=1e-10, atol=1e-10 * max(spacing))
+    np.testing.assert_allclose(
+        geodesic_distance(depth_map, source=source), expected, rtol=1e-10, atol=1e-10 * max(spacing)
+    )
 
 
 def test_planes_in_single_precision():
     depth_map = _plane(np.float32(0.7), np.float32(-0.9), (1.3, 0.8))
     depth_map = DepthMap(np.asarray(depth_map.depth, np.float32), spacing=(1.3, 0.8))
-    found = geodesic_distance(depth_map, (17.3, 11.8))
+    found = geodesic_distance(depth_map, source=(17.3, 11.8))
     assert found.dtype == np.float32
     np.testing.assert_allclose(found, _straight(depth_map, (17.3, 11.8), 0.7, -0.9), rtol=1e-5, atol=1e-5)
 
@@ -68,7 +70,7 @@ def test_a_sphere_and_the_order(x64, source):
     errors = []
     for size in (32, 64):
         depth_map, pixel, expected = _cap(size, source)
-        found = np.asarray(geodesic_distance(depth_map, pixel))
+        found = np.asarray(geodesic_distance(depth_map, source=pixel))
         mask = np.asarray(depth_map.mask)
         assert np.array_equal(np.isnan(found), ~mask)
         far = mask & (expected > 2)
@@ -80,8 +82,8 @@ def test_a_sphere_and_the_order(x64, source):
 def test_several_sources(x64):
     depth_map, pixel, _ = _cap(32, (0.3, 0.17))
     sources = np.array([pixel, (9.0, 20.5), (16.0, 3.0)])
-    nearest = np.min([geodesic_distance(depth_map, source) for source in sources], axis=0)
-    np.testing.assert_allclose(geodesic_distance(depth_map, sources), nearest, rtol=1e-12)
+    nearest = np.min([geodesic_distance(depth_map, source=source) for source in sources], axis=0)
+    np.testing.assert_allclose(geodesic_distance(depth_map, source=sources), nearest, rtol=1e-12)
 
 
 def test_exact_geodesics_of_the_polyhedron(x64):
@@ -106,7 +108,7 @@ def test_exact_geodesics_of_the_polyhedron(x64):
     exact = geodesic.PyGeodesicAlgorithmExact(points, faces.astype(np.int32))
     source = (8, 15)
     expected = exact.geodesicDistances(np.array([index[source[1], source[0]]]), None)[0].reshape(depth.shape)
-    found = np.asarray(geodesic_distance(DepthMap(depth), source))
+    found = np.asarray(geodesic_distance(DepthMap(depth), source=source))
     far = expected > 0
     relative = np.abs(found - expected)[far] / expected[far]
     assert np.mean(relative) < 3e-3
@@ -117,8 +119,8 @@ def test_around_a_wall(x64):
     """A wall with an end: behind it the shortest way is broken at the wall's corner."""
     mask = np.ones((HEIGHT, WIDTH), bool)
     mask[8:, 15] = False
-    depth_map = DepthMap(0.5 * COLUMNS, mask)
-    found = np.asarray(geodesic_distance(depth_map, (5.0, 20.0)))
+    depth_map = DepthMap(0.5 * COLUMNS, mask=mask)
+    found = np.asarray(geodesic_distance(depth_map, source=(5.0, 20.0)))
     length = lambda x, y: np.hypot(np.hypot(x, y), 0.5 * x)  # noqa: E731
     # Round the pixel (15, 7), the last that may be stepped on; ways along the wall go by whole pixels.
     expected = length(10, 13) + length(COLUMNS - 15, ROWS - 7)
@@ -132,7 +134,7 @@ def test_outside_and_out_of_reach(x64):
     mask = np.ones((HEIGHT, WIDTH), bool)
     mask[:, 15] = False
     depth = np.where(mask, 0.0, np.nan)
-    found = np.asarray(geodesic_distance(DepthMap(depth), (3.0, 4.0)))
+    found = np.asarray(geodesic_distance(DepthMap(depth), source=(3.0, 4.0)))
     assert np.all(np.isfinite(found[:, :15]))
     assert np.all(np.isnan(found[:, 15]))
     assert np.all(np.isposinf(found[:, 16:]))
@@ -146,7 +148,7 @@ def test_derivatives(x64):
     weights, *direction = (jnp.asarray(random.normal(size=size)) for size in (mask.shape, mask.shape, 2, 2))
 
     def distance(depth, spacing, source):
-        return jnp.where(mask, geodesic_distance(DepthMap(depth, mask, spacing), source), 0)
+        return jnp.where(mask, geodesic_distance(DepthMap(depth, mask=mask, spacing=spacing), source=source), 0)
 
     forward = jax.jit(lambda *dots: jax.jvp(distance, arguments, dots)[1])
     gradients = jax.jit(jax.grad(lambda *args: jnp.sum(weights * distance(*args)), argnums=(0, 1, 2)))(*arguments)
@@ -170,9 +172,11 @@ def test_derivatives(x64):
 def test_jit_and_vmap(x64):
     depths = jnp.stack([jnp.asarray(_bumps(ROWS, COLUMNS)), jnp.asarray(0.3 * COLUMNS)])
     sources = jnp.array([[3.0, 4.0], [20.0, 11.5]])
-    together = jax.jit(jax.vmap(lambda depth, source: geodesic_distance(DepthMap(depth), source)))(depths, sources)
+    together = jax.jit(jax.vmap(lambda depth, source: geodesic_distance(DepthMap(depth), source=source)))(
+        depths, sources
+    )
     for depth, source, found in zip(depths, sources, together, strict=True):
-        np.testing.assert_allclose(found, geodesic_distance(DepthMap(depth), source), rtol=0, atol=1e-9)
+        np.testing.assert_allclose(found, geodesic_distance(DepthMap(depth), source=source), rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -190,22 +194,26 @@ def test_sources_that_do_not_fit(x64, source, message):
     mask = np.ones((HEIGHT, WIDTH), bool)
     mask[10, 10] = False
     with pytest.raises(ValueError, match=message.replace("last axis", "shape")):
-        geodesic_distance(DepthMap(np.zeros((HEIGHT, WIDTH)), mask), source)
+        geodesic_distance(DepthMap(np.zeros((HEIGHT, WIDTH)), mask=mask), source=source)
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    ("depth", "options", "message"),
     [
-        ((np.zeros(3),), r"shape \(H, W\)"),
-        ((np.zeros((2, 3)), np.ones((3, 2), bool)), "booleans of the depth's shape"),
-        ((np.array([[0.0, np.nan]]), np.ones((1, 2), bool)), "finite inside the mask, got nan at row 0, column 1"),
-        ((np.zeros((2, 3)), None, -1.0), "spacing must be positive"),
-        ((np.zeros((2, 3)), None, np.ones(3)), r"\(dx, dy\)"),
+        (np.zeros(3), {}, r"shape \(H, W\)"),
+        (np.zeros((2, 3)), {"mask": np.ones((3, 2), bool)}, "booleans of the depth's shape"),
+        (
+            np.array([[0.0, np.nan]]),
+            {"mask": np.ones((1, 2), bool)},
+            "finite inside the mask, got nan at row 0, column 1",
+        ),
+        (np.zeros((2, 3)), {"spacing": -1.0}, "spacing must be positive"),
+        (np.zeros((2, 3)), {"spacing": np.ones(3)}, r"\(dx, dy\)"),
     ],
 )
-def test_depth_maps_that_do_not_fit(x64, arguments, message):
+def test_depth_maps_that_do_not_fit(x64, depth, options, message):
     with pytest.raises(ValueError, match=message):
-        DepthMap(*arguments)
+        DepthMap(depth, **options)
 
 
 def test_a_depth_map_is_finite_and_knows_its_points(x64):
@@ -217,7 +225,7 @@ def test_a_depth_map_is_finite_and_knows_its_points(x64):
 def test_an_edge_of_sources(dtype):
     """From all of a plane's first row the distance is the row's number."""
     sources = np.stack([np.arange(64), np.zeros(64)], axis=-1).astype(dtype)
-    distance = geodesic_distance(DepthMap(jnp.zeros((48, 64), dtype)), sources)
+    distance = geodesic_distance(DepthMap(jnp.zeros((48, 64), dtype)), source=sources)
     rows = np.broadcast_to(np.arange(48)[:, None], (48, 64))
     np.testing.assert_allclose(distance, rows, rtol=0, atol=64 * np.finfo(dtype).eps)
 
@@ -228,11 +236,11 @@ def test_many_sources_are_as_one_by_one(x64):
     y, x = np.mgrid[:40, :50] / 10
     depth = np.sin(x) * np.cos(y)
     mask = (x - 2.5) ** 2 + (y - 2) ** 2 > 0.3
-    surface = DepthMap(jnp.asarray(depth), jnp.asarray(mask), spacing=jnp.asarray([0.1, 0.1]))
+    surface = DepthMap(jnp.asarray(depth), mask=jnp.asarray(mask), spacing=jnp.asarray([0.1, 0.1]))
     sources = random.uniform(0, [49, 39], (40, 2))
     sources = sources[np.hypot(sources[:, 0] / 10 - 2.5, sources[:, 1] / 10 - 2) > 0.8][:12]
-    found = np.asarray(geodesic_distance(surface, sources))
-    alone = jax.jit(lambda source: geodesic_distance(surface, source))
+    found = np.asarray(geodesic_distance(surface, source=sources))
+    alone = jax.jit(lambda source: geodesic_distance(surface, source=source))
     expected = np.min([np.asarray(alone(jnp.asarray(source))) for source in sources], axis=0)
     error = np.abs(found - expected)[mask]
     assert error.max() < 0.005  # a twentieth of a pixel

@@ -44,7 +44,7 @@ def test_radial_on_a_sphere(x64):
     rho = np.hypot(*(np.mgrid[:size, :size] - middle))
     mask = rho <= middle
     depth = np.sqrt(np.where(mask, radius**2 - rho**2, 0))
-    found = np.asarray(radial_geodesic_distance(DepthMap(depth, mask), (middle, middle)))
+    found = np.asarray(radial_geodesic_distance(DepthMap(depth, mask=mask), (middle, middle)))
     expected = radius * np.arcsin(rho[mask] / radius)
     np.testing.assert_allclose(found[mask], expected, rtol=1.5e-4)
     assert np.all(np.isnan(found[~mask]))
@@ -68,7 +68,7 @@ def test_radial_is_the_integral(x64):
 def test_radial_stops_at_the_mask(x64):
     mask = np.ones((HEIGHT, WIDTH), bool)
     mask[5:16, 20] = False
-    found = np.asarray(radial_geodesic_distance(DepthMap(np.zeros((HEIGHT, WIDTH)), mask), SOURCE))
+    found = np.asarray(radial_geodesic_distance(DepthMap(np.zeros((HEIGHT, WIDTH)), mask=mask), SOURCE))
     assert np.isnan(found[10, 20])
     assert np.isposinf(found[10, 25])
     np.testing.assert_allclose(found[:, :20], np.hypot(COLUMNS - SOURCE[0], ROWS - SOURCE[1])[:, :20], rtol=1e-12)
@@ -83,7 +83,7 @@ def test_radial_derivatives(x64):
 
     @jax.jit
     def total(depth):
-        distance = radial_geodesic_distance(DepthMap(depth, mask), SOURCE)
+        distance = radial_geodesic_distance(DepthMap(depth, mask=mask), SOURCE)
         return jnp.sum(jnp.where(jnp.isfinite(distance), weights * distance, 0))
 
     gradient = jax.jit(jax.grad(total))(depth)
@@ -97,7 +97,7 @@ def test_radial_derivatives(x64):
 def test_paths_on_planes_are_straight(x64):
     depth_map = _plane()
     start = np.array([29.0, 1.5])
-    path = geodesic_path(depth_map, geodesic_distance(depth_map, SOURCE), start)
+    path = geodesic_path(depth_map, geodesic_distance(depth_map, source=SOURCE), start)
     assert bool(path.reached)
     points = np.asarray(path.points)
     np.testing.assert_allclose(points[0], start)
@@ -112,8 +112,8 @@ def test_a_path_has_the_length_of_the_distance(x64):
     """Around a wall too, where it must not cross."""
     mask = np.ones((HEIGHT, WIDTH), bool)
     mask[8:, 15] = False
-    depth_map = DepthMap(2 * np.sin(0.2 * COLUMNS) * np.cos(0.2 * ROWS), mask)
-    distance = geodesic_distance(depth_map, (5.0, 20.0))
+    depth_map = DepthMap(2 * np.sin(0.2 * COLUMNS) * np.cos(0.2 * ROWS), mask=mask)
+    distance = geodesic_distance(depth_map, source=(5.0, 20.0))
     path = geodesic_path(depth_map, distance, (25.0, 21.0))
     assert bool(path.reached)
     x, y = np.asarray(path.points).T
@@ -124,15 +124,15 @@ def test_a_path_has_the_length_of_the_distance(x64):
 
 def test_a_path_that_is_cut_short(x64):
     depth_map = _plane()
-    path = geodesic_path(depth_map, geodesic_distance(depth_map, SOURCE), (29.0, 1.5), max_points=5)
+    path = geodesic_path(depth_map, geodesic_distance(depth_map, source=SOURCE), (29.0, 1.5), max_points=5)
     assert (int(path.count), bool(path.reached), path.points.shape) == (5, False, (5, 2))
 
 
 def test_starts_that_do_not_fit(x64):
     mask = np.ones((HEIGHT, WIDTH), bool)
     mask[:, 15] = False
-    depth_map = DepthMap(np.zeros((HEIGHT, WIDTH)), mask)
-    distance = geodesic_distance(depth_map, (3.0, 4.0))
+    depth_map = DepthMap(np.zeros((HEIGHT, WIDTH)), mask=mask)
+    distance = geodesic_distance(depth_map, source=(3.0, 4.0))
     with pytest.raises(ValueError, match=r"start \(15, 3\) lies outside the mask"):
         geodesic_path(depth_map, distance, (15.0, 3.0))
     with pytest.raises(ValueError, match="no way leads from there"):
@@ -145,7 +145,7 @@ def test_starts_that_do_not_fit(x64):
 
 def test_curves_of_equal_distance_are_circles(x64):
     mask = COLUMNS < 29
-    distance = geodesic_distance(DepthMap(np.zeros((HEIGHT, WIDTH)), mask), SOURCE)
+    distance = geodesic_distance(DepthMap(np.zeros((HEIGHT, WIDTH)), mask=mask), source=SOURCE)
     inner, outer, none = iso_distance_curves(distance, [6.0, 17.0, 100.0])
     assert len(inner) == 1
     np.testing.assert_array_equal(inner[0][0], inner[0][-1])
@@ -168,5 +168,7 @@ def test_the_nose_tip_of_a_face(x64):
     row, column = np.unravel_index(np.nanargmin(distance), distance.shape)
     assert np.hypot(column - tip[0], row - tip[1]) < 1
     # A head that nods is, to first order, one with a slope.
-    nodding = DepthMap(depth_map.depth + 0.2 * depth_map.points()[..., 1], depth_map.mask, depth_map.spacing)
+    nodding = DepthMap(
+        depth_map.depth + 0.2 * depth_map.points()[..., 1], mask=depth_map.mask, spacing=depth_map.spacing
+    )
     np.testing.assert_allclose(nose_tip(nodding), tip, atol=0.5)

@@ -19,7 +19,7 @@ MASK[2:6, 13] = True
 
 def _plane(dtype=float, mask=None):
     """Slope 0.5 along x and −0.25 along y in world units, for pixels of 2 by 4."""
-    return DepthMap((1 + 0.5 * 2 * COLUMNS - 0.25 * 4 * ROWS).astype(dtype), mask, (2.0, 4.0))
+    return DepthMap((1 + 0.5 * 2 * COLUMNS - 0.25 * 4 * ROWS).astype(dtype), mask=mask, spacing=(2.0, 4.0))
 
 
 def test_a_plane_is_exact(dtype):
@@ -32,7 +32,7 @@ def test_a_plane_is_exact(dtype):
 def test_a_plane_is_exact_at_the_borders_of_a_mask(x64):
     """Outside the mask the depths are wild; a pixel with no neighbour along an axis has no slope along it."""
     surface = _plane(mask=MASK)
-    surface = DepthMap(jnp.where(MASK, surface.depth, 1e9), MASK, surface.spacing)
+    surface = DepthMap(jnp.where(MASK, surface.depth, 1e9), mask=MASK, spacing=surface.spacing)
     found = np.asarray(normals(surface))
     full = np.array([-0.5, 0.25, 1.0]) / np.sqrt(1.3125)
     block = MASK[2:9, 1:8]
@@ -71,7 +71,7 @@ def test_derivatives(x64):
     weights = np.random.default_rng(1).normal(size=(12, 16))
 
     def value(depth, light, albedo):
-        surface = DepthMap(depth, MASK, (2.0, 4.0))
+        surface = DepthMap(depth, mask=MASK, spacing=(2.0, 4.0))
         return jnp.sum(weights * shade(surface, light=light, albedo=albedo))
 
     arguments = (jnp.asarray(depth), jnp.asarray([0.3, -0.2, 1.0]), jnp.full((12, 16), 0.8))
@@ -94,8 +94,8 @@ def test_derivatives(x64):
 
 def test_a_batch(x64):
     depths = np.random.default_rng(3).normal(size=(2, 12, 16))
-    together = jax.vmap(lambda depth: shade(DepthMap(depth, MASK)))(depths)
-    np.testing.assert_allclose(together[1], shade(DepthMap(depths[1], MASK)), rtol=1e-14)
+    together = jax.vmap(lambda depth: shade(DepthMap(depth, mask=MASK)))(depths)
+    np.testing.assert_allclose(together[1], shade(DepthMap(depths[1], mask=MASK)), rtol=1e-14)
 
 
 def test_an_albedo_of_another_shape():
