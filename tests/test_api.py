@@ -118,7 +118,7 @@ print(*[name for name in before if jax.config.values[name] != before[name]])
 # The packages and modules directly below `jaxlens`, from the top of the design's list down; those of a row are peers,
 # and may see each other.
 LAYERS = (
-    ("numerics", "newton", "polynomials", "definite", "batching"),
+    ("numerics", "newton", "polynomials", "linear", "batching"),
     ("frames", "maps"),
     ("lenses",),
     ("deformations",),

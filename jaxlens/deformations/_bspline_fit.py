@@ -8,6 +8,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from jaxlens.deformations._arguments import as_correspondences
 from jaxlens.deformations._bspline import BSplineField, energy_terms
+from jaxlens.linear import solve_definite
 from jaxlens.numerics import epsilon, is_concrete, split
 
 # A variance, in units in the last place of one, that is no more than rounding.
@@ -101,7 +102,7 @@ def _fit(field: BSplineField, source: Array, target: Array, weights: Array, pena
     )
     terms = energy_terms(field.cells, (field.upper - field.lower).astype(dtype))
     energy = jnp.sum(jnp.stack([jnp.kron(along_x, along_y) for along_x, along_y in terms]), axis=0)
-    solution = _solve_definite(data + jnp.asarray(penalty, dtype) * energy, right)
+    solution = solve_definite(data + jnp.asarray(penalty, dtype) * energy, right)
     spread = _spread(*lax.stop_gradient((field, source, weights)))
     solution = jnp.where(spread > _ROUNDING_ULPS * epsilon(dtype), solution, jnp.nan)
     return BSplineField(solution.reshape(field.coefficients.shape), field.lower, field.upper)
@@ -119,14 +120,3 @@ def _spread(field: BSplineField, source: Array, weights: Array) -> Float[Array, 
     x, y = x - jnp.sum(weights * x), y - jnp.sum(weights * y)
     xx, xy, yy = (jnp.sum(weights * product) for product in (x * x, x * y, y * y))
     return 0.5 * (xx + yy - jnp.sqrt((xx - yy) ** 2 + 4 * xy**2))
-
-
-def _solve_definite(matrix: Float[Array, "size size"], right: Float[Array, "size 2"]) -> Float[Array, "size 2"]:
-    """Solves by Cholesky's decomposition; NaN where the matrix is singular to rounding."""
-    scale = lax.rsqrt(jnp.diagonal(matrix))
-    factor = lax.linalg.cholesky(matrix * scale[:, None] * scale[None], symmetrize_input=False)
-    half = lax.linalg.triangular_solve(factor, right * scale[:, None], left_side=True, lower=True)
-    whole = lax.linalg.triangular_solve(factor, half, left_side=True, lower=True, transpose_a=True)
-    # What is left of a column after those before it are taken out of it: of length one before.
-    regular = jnp.min(jnp.diagonal(factor)) ** 2 > matrix.shape[0] * epsilon(matrix.dtype)
-    return jnp.where(regular, whole * scale[:, None], jnp.nan)

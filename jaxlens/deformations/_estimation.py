@@ -1,6 +1,5 @@
 """Homographies, and the simpler maps of the plane, from correspondences: least squares in the target."""
 
-import enum
 from functools import partial
 from typing import Literal, get_args
 
@@ -15,7 +14,8 @@ from jaxlens.deformations._arguments import as_correspondences, check_digits
 from jaxlens.deformations._configurations import check_configuration
 from jaxlens.deformations._dlt import conditioned, direct_linear_transform, unconditioned
 from jaxlens.deformations._homography import Homography, denominators
-from jaxlens.numerics import as_points, epsilon, is_concrete, join, split
+from jaxlens.linear import invert_definite, squares_rounding
+from jaxlens.numerics import Status, as_points, epsilon, is_concrete, join, split
 
 Kind = Literal["projective", "affine", "similarity", "isometry"]
 """Which maps are looked for: of 8, 6, 4 and 3 parameters. A similarity and an isometry do not mirror."""
@@ -24,7 +24,7 @@ _MAXIMUM_STEPS = 100
 _HIGHEST = lax.Precision.HIGHEST
 
 
-class EstimateStatus(enum.IntEnum):
+class EstimateStatus(Status):
     """How an estimate ended."""
 
     CONVERGED = 0
@@ -164,7 +164,8 @@ def _estimate(source: Array, target: Array, weights: Array, *, kind: Kind) -> Ho
     rows = _residuals(values, data, kind).ravel()
     derivative = jax.jacfwd(lambda values: _residuals(values, data, kind).ravel())(values)
     freedom = 2 * jnp.sum(used) - values.shape[0]
-    inverse, regular = _inverse(jnp.matmul(derivative.T, derivative, precision=_HIGHEST))
+    normal = jnp.matmul(derivative.T, derivative, precision=_HIGHEST)
+    inverse, _, regular = invert_definite(normal, rounding=squares_rounding(dtype))
     variance = jnp.sum(rows**2) / jnp.where(freedom > 0, freedom, jnp.nan)  # an exact fit says nothing about the noise
     entries = jax.jacfwd(lambda values: whole(values).ravel())(values)
     covariance = variance * jnp.einsum("ia,ab,jb->ij", entries, inverse, entries, precision=_HIGHEST)
@@ -247,18 +248,3 @@ def _divide(matrix: Array, points: Array, down: Array) -> Array:
     x, y = split(points)
     down = jnp.where(down == 0, 1, down)
     return join(*((row[0] * x + row[1] * y + row[2]) / down for row in matrix[:2]))
-
-
-def _inverse(normal: Float[Array, "size size"]) -> tuple[Float[Array, "size size"], Bool[Array, ""]]:
-    """The inverse of normal equations, and whether it is more than rounding."""
-    lengths = jnp.sqrt(jnp.diagonal(normal))
-    unit = jnp.where(lengths > 0, 1 / jnp.where(lengths > 0, lengths, 1), 0)
-    scaled = normal * unit[:, None] * unit[None]
-    finite = jnp.all(jnp.isfinite(scaled))
-    scaled = jnp.where(finite, scaled, jnp.eye(normal.shape[0], dtype=normal.dtype))
-    # Three quarters of the digits: what is smaller than that in a sum of squares is rounding.
-    smallest = lax.stop_gradient(jnp.linalg.eigvalsh(scaled))[0]
-    regular = finite & (smallest > epsilon(normal.dtype) ** 0.75)
-    safe = jnp.where(regular, scaled, jnp.eye(normal.shape[0], dtype=normal.dtype))
-    inverse = jnp.linalg.inv(safe) * unit[:, None] * unit[None]
-    return jnp.where(regular, inverse, jnp.nan), regular

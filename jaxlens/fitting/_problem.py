@@ -12,10 +12,10 @@ from jax import lax
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
-from jaxlens.definite import solve_definite
 from jaxlens.fitting._result import Fit, FitStatus
 from jaxlens.fitting._robust import Loss, influence, noise_scale, robustify
 from jaxlens.fitting._solver import NormalLevenbergMarquardt, Unknowns, normal_equations
+from jaxlens.linear import invert_definite, squares_rounding
 from jaxlens.maps import CoordinateMap
 from jaxlens.numerics import epsilon
 
@@ -224,13 +224,11 @@ def assess(problem: Problem, minimum: Minimum, loss: Loss, further_parameters: i
         own = jnp.where(taken[:, None, None], normal.blocks, jnp.eye(blocks.shape[1], dtype=blocks.dtype))
         shared = shared - jnp.einsum("vsb,vbt->st", cross, jnp.linalg.solve(own, jnp.swapaxes(cross, 1, 2)))
     finite = jnp.all(jnp.isfinite(shared))
-    inverse = solve_definite(shared, jnp.eye(count, dtype=shared.dtype))
-    inflation = jnp.diagonal(inverse)
-    # Three quarters of the digits: what is smaller than that in a sum of squares is rounding. The smallest eigenvalue
-    # is at least the reciprocal of this trace, and at most as many times that as there are parameters.
-    regular = finite & (jnp.sum(inflation) < epsilon(shared.dtype) ** -0.75)
+    inverse, inflation, regular = invert_definite(
+        shared, diagonal=jnp.ones(count, shared.dtype), rounding=squares_rounding(shared.dtype)
+    )
     variance = _variance(residuals, used, loss, minimum.loss_scale, freedom, parameters)
-    covariance = jnp.where(regular, variance * inverse * unit[:, None] * unit[None], jnp.nan)
+    covariance = variance * inverse * unit[:, None] * unit[None]
 
     raw = residuals / jnp.sqrt(jnp.where(used, weights, 1))[..., None]
     squares = jnp.sum(residuals**2, axis=-1)
@@ -241,7 +239,7 @@ def assess(problem: Problem, minimum: Minimum, loss: Loss, further_parameters: i
         raw,
         covariance,
         shared,
-        jnp.where(regular, inflation, jnp.inf),
+        inflation,
         jnp.sqrt(jnp.sum(squares) / jnp.sum(weights)),
         jnp.sqrt(jnp.sum(squares, axis=1) / jnp.sum(weights, axis=1)),
         freedom,

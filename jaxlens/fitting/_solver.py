@@ -20,7 +20,7 @@ import optimistix as optx
 from jax import lax
 from jaxtyping import Array, Bool, Float, PyTree
 
-from jaxlens.definite import solve_definite
+from jaxlens.linear import solve_cholesky
 from jaxlens.numerics import epsilon
 
 _FIRST_DAMPING = 1e-6
@@ -161,16 +161,16 @@ def solve(normal: NormalEquations, right: Unknowns, damping: Float[Array, ""]) -
     shared = normal.shared * scale.shared[:, None] * scale.shared[None] + damping * identity
     goal = right.shared * scale.shared
     if right.blocks.shape[1] == 0:
-        return Unknowns(solve_definite(shared, goal[:, None])[:, 0] * scale.shared, right.blocks)
+        return Unknowns(solve_cholesky(shared, goal[:, None])[0][:, 0] * scale.shared, right.blocks)
     size = jnp.eye(right.blocks.shape[1], dtype=right.blocks.dtype)
     blocks = normal.blocks * scale.blocks[:, :, None] * scale.blocks[:, None, :] + damping * size[None]
     cross = normal.cross * scale.shared[None, :, None] * scale.blocks[:, None, :]
     goals = right.blocks * scale.blocks
     # Per block: B⁻¹ [Cᵀ g].
-    solved = solve_definite(blocks, jnp.concatenate([jnp.swapaxes(cross, 1, 2), goals[..., None]], axis=2))
+    solved, _ = solve_cholesky(blocks, jnp.concatenate([jnp.swapaxes(cross, 1, 2), goals[..., None]], axis=2))
     into_shared, offset = solved[:, :, :-1], solved[:, :, -1]
     reduced = shared - jnp.einsum("vsb,vbt->st", cross, into_shared)
-    step = solve_definite(reduced, (goal - jnp.einsum("vsb,vb->s", cross, offset))[:, None])[:, 0]
+    step = solve_cholesky(reduced, (goal - jnp.einsum("vsb,vb->s", cross, offset))[:, None])[0][:, 0]
     return Unknowns(step * scale.shared, (offset - jnp.einsum("vbs,s->vb", into_shared, step)) * scale.blocks)
 
 

@@ -32,6 +32,7 @@ def test_opencv_s_homography(x64, noise):
     estimate = estimate_homography(SOURCE, target)
     np.testing.assert_allclose(estimate.homography(SOURCE), expected, rtol=0, atol=1e-6)
     assert int(estimate.status) == EstimateStatus.CONVERGED
+    assert str(EstimateStatus(int(estimate.status))) == "CONVERGED"
 
 
 def test_four_points_are_met(x64):
