@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from jaxlens import diagnostics as diagnostics
     from jaxlens import fitting as fitting
     from jaxlens import images as images
+    from jaxlens import lenses as lenses
     from jaxlens import metrics as metrics
     from jaxlens import projections as projections
     from jaxlens import self_calibration as self_calibration
@@ -42,6 +43,7 @@ _MODULES = (
     "diagnostics",
     "fitting",
     "images",
+    "lenses",
     "metrics",
     "projections",
     "self_calibration",

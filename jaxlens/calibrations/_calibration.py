@@ -11,9 +11,6 @@ if TYPE_CHECKING:
 
 Value = float | tuple[float, ...]
 
-MODELS = ("BrownConrady", "Division", "RadialPolynomial")
-"""The lenses that files hold, by the names of their classes."""
-
 # Two sizes have one shape if their ratios agree to half a pixel.
 _HALF = 0.5
 
@@ -46,7 +43,7 @@ class Calibration:
     """A lens, the frame that ties it to pixels, and how well it is known. Hashable, and free of JAX.
 
     Attributes:
-        model: The class of the lens, one of `MODELS`.
+        model: The lens's name in files, one of `jaxlens.lenses.registered`.
         parameters: The arguments that make it, by name.
         center: The frame's centre (x, y) in pixels, pixel centres at integers; None where no frame is known.
         scale: The frame's pixels per normalized unit along x and y.
@@ -68,17 +65,11 @@ class Calibration:
         """Returns the calibration of a lens.
 
         Raises:
-            CalibrationError: a kind of lens that files do not hold.
+            CalibrationError: a kind of lens that files do not hold, or one whose fields do not make it again.
         """
         import numpy as np
 
-        model = type(lens).__name__
-        if model not in MODELS:
-            raise CalibrationError(f"a calibration holds {', '.join(MODELS)}, not {model}")
-        parameters = {name: np.asarray(value, np.float64).tolist() for name, value in vars(lens).items()}
-        pairs = tuple(
-            (name, tuple(value) if isinstance(value, list) else value) for name, value in sorted(parameters.items())
-        )
+        model, pairs = _as_numbers(lens)
         if frame is None:
             return cls(model, pairs, image_size=image_size)
         (x, y), (wide, tall) = (np.asarray(part, np.float64).tolist() for part in (frame.center, frame.scale))
@@ -105,15 +96,11 @@ class Calibration:
         Raises:
             CalibrationError: the parameters make no such lens.
         """
-        import jaxlens
-
-        if self.model not in MODELS:
-            raise CalibrationError(f"a calibration holds {', '.join(MODELS)}, not {self.model}")
+        model = check_model(self.model)
         try:
-            lens = getattr(jaxlens, self.model)(**dict(self.parameters))
+            return model(**dict(self.parameters))
         except (TypeError, ValueError) as error:
             raise CalibrationError(f"no {self.model} has such parameters: {error}") from error
-        return lens
 
     def frame(self, height: int, width: int) -> "Frame":
         """Returns the frame for a picture of that size: scaled with it, Eq. 10's where none is known.
@@ -137,3 +124,55 @@ class Calibration:
         # Pixel centres at integers: it is the corners at −1/2 that keep their place.
         center = ((self.center[0] + 0.5) * wide - 0.5, (self.center[1] + 0.5) * tall - 0.5)
         return Frame(center, (self.scale[0] * wide, self.scale[1] * tall))
+
+
+def check_model(name: str) -> "type[Lens]":
+    """Returns the lens that a file calls by this name; nothing is imported for its sake.
+
+    Raises:
+        CalibrationError: nobody has registered it.
+    """
+    from jaxlens.lenses import registered
+
+    known = registered()
+    if name not in known:
+        raise CalibrationError(
+            f"there is no lens {name!r}; there are {', '.join(known)}. One of your own is known once the module that "
+            "registers it has been imported"
+        )
+    return known[name]
+
+
+def _as_numbers(lens: "CoordinateMap") -> tuple[str, tuple[tuple[str, Value], ...]]:
+    """A lens's name in files, and the arguments that make it again."""
+    import dataclasses
+    import inspect
+
+    import numpy as np
+
+    from jaxlens.lenses import Lens, registered_name
+
+    kind = type(lens)
+    if not isinstance(lens, Lens):
+        raise CalibrationError(f"a calibration holds a lens, not a {kind.__name__}")
+    try:
+        model = registered_name(type(lens))
+    except ValueError as error:
+        raise CalibrationError(str(error)) from error
+    parameters: dict[str, Value] = {}
+    for field in dataclasses.fields(kind):
+        if field.metadata.get("static", False):
+            raise CalibrationError(f"{kind.__name__}.{field.name} is static: files hold numbers, and lists of them")
+        value = np.asarray(getattr(lens, field.name), np.float64)
+        if value.ndim > 1:
+            raise CalibrationError(
+                f"{kind.__name__}.{field.name} has shape {value.shape}: files hold numbers, and lists of them"
+            )
+        parameters[field.name] = tuple(value.tolist()) if value.ndim else float(value)
+    try:
+        inspect.signature(kind).bind(**parameters)
+    except TypeError as error:
+        raise CalibrationError(
+            f"{kind.__name__} cannot be read back: its constructor must take its fields by name, and says: {error}"
+        ) from error
+    return model, tuple(sorted(parameters.items()))

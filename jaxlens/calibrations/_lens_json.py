@@ -1,8 +1,8 @@
 """lens.json: jaxlens's own calibration file, read strictly and written whole.
 
-The file says what it is (`format`, `schema_version`), which lens (`model`, `parameters`), what ties it to pixels
-(`frame`, `image_size`), in which units, and what a fit found out (`estimate`). Unknown keys are refused: a misspelt
-one would otherwise change the lens without a word.
+The file says what it is (`format`, `schema_version`), which lens (`model`, a registered name, and `parameters`), what
+ties it to pixels (`frame`, `image_size`), in which units, and what a fit found out (`estimate`). Unknown keys are
+refused: a misspelt one would otherwise change the lens without a word.
 """
 
 import json
@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from jaxlens.calibrations._calibration import Calibration, CalibrationError, Estimate, Value
+from jaxlens.calibrations._calibration import Calibration, CalibrationError, Estimate, Value, check_model
 from jaxlens.files import write_text
 
 _FORMAT = "jaxlens calibration"
@@ -51,7 +51,7 @@ class _File(_Strict):
     format: Literal["jaxlens calibration"]
     schema_version: Literal[1]
     software: str = ""
-    model: Literal["BrownConrady", "Division", "RadialPolynomial"]
+    model: str
     parameters: dict[str, _Number | list[_Number]]
     units: dict[str, str] = {}
     frame: _Frame | None = None
@@ -139,6 +139,10 @@ def read_calibration(path: str | os.PathLike[str]) -> Calibration:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
         raise CalibrationError(f"{name}: {key}: {first['msg']}, got {_shown(first.get('input'))}") from error
+    try:
+        check_model(file.model)
+    except CalibrationError as error:
+        raise CalibrationError(f"{name}: model: {error}") from error
     calibration = Calibration(
         file.model,
         tuple((key, _value(value)) for key, value in sorted(file.parameters.items())),

@@ -11,7 +11,7 @@ from typing import Annotated, Optional
 from tyro.conf import Positional, arg
 
 from jaxlens.cli.errors import CommandError, UsageError
-from jaxlens.cli.fits import FitArguments, Model, check_fit_arguments, deliver, fitting, parse_size, starting_lens
+from jaxlens.cli.fits import FitArguments, check_fit_arguments, deliver, fitting, model_lens, parse_size
 from jaxlens.cli.messages import say
 from jaxlens.cli.options import check_file, check_max_pixels
 from jaxlens.cli.values import Paths, paths
@@ -38,8 +38,9 @@ class Arguments(FitArguments):
     files: Annotated[Paths, Positional, paths("FILE..."), arg(help_behavior_hint="")] = field(default_factory=Paths)
     """Pictures of the board, or folders of them, which are not searched deeper; not with --corners."""
 
-    model: Model = "brown-conrady"
-    """The lens: 1 + κ1 r² + κ2 r⁴ + …, the division model, or OpenCV's k1 k2 p1 p2 k3 and so on."""
+    model: Annotated[str, arg(metavar="NAME")] = "brown-conrady"
+    """The lens: radial (1 + κ1 r² + κ2 r⁴ + …), division, or brown-conrady (OpenCV's k1 k2 p1 p2 k3 and so on).
+    Or package.module:Class, a lens of your own: that module is looked for in the current folder, too, and is run."""
 
     board: Annotated[Optional[str], arg(metavar="COLUMNSxROWS", help_behavior_hint="")] = None
     """The board's inner corners, such as 9x6."""
@@ -69,7 +70,7 @@ def run(arguments: Arguments) -> int:
 
     with fitting():
         boards = Boards.from_views(views)
-        fit = calibrate(starting_lens(arguments), boards, size, loss=arguments.loss)
+        fit = calibrate(model_lens(arguments), boards, size, loss=arguments.loss)
         figures = None
         if arguments.plots is not None:
             import numpy as np

@@ -10,7 +10,7 @@ from typing import Annotated, Optional
 from tyro.conf import Positional, arg
 
 from jaxlens.cli.errors import CommandError
-from jaxlens.cli.fits import FitArguments, check_fit_arguments, deliver, fitting, starting_lens
+from jaxlens.cli.fits import FitArguments, check_fit_arguments, deliver, fitting, model_lens
 from jaxlens.cli.options import check_file, check_max_pixels
 
 HELP = """Find the lens that turns one picture into another.
@@ -64,7 +64,7 @@ def run(arguments: Arguments) -> int:
     with fitting():
         first, second = (jnp.asarray(_colours(picture.pixels), float) for picture in (source, distorted))
         fit = fit_images(
-            starting_lens(arguments),
+            model_lens(arguments),
             first,
             second,
             center=arguments.fit_center,

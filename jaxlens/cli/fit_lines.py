@@ -17,8 +17,8 @@ from jaxlens.cli.fits import (
     fitting,
     frame_and_unit,
     load_columns,
+    model_lens,
     parse_size,
-    starting_lens,
 )
 from jaxlens.cli.options import check_file
 
@@ -64,7 +64,7 @@ def run(arguments: Arguments) -> int:
         lines = [points[number == one] for one in np.unique(number)]
         frame, unit = frame_and_unit(size)
         fit = fit_lines(
-            starting_lens(arguments),
+            model_lens(arguments),
             lines,
             frame=frame,
             center=arguments.fit_center,

@@ -17,8 +17,8 @@ from jaxlens.cli.fits import (
     fitting,
     frame_and_unit,
     load_columns,
+    model_lens,
     parse_size,
-    starting_lens,
 )
 from jaxlens.cli.options import check_file
 
@@ -68,7 +68,7 @@ def run(arguments: Arguments) -> int:
         observed = np.stack([columns["observed_x"], columns["observed_y"]], axis=-1)
         frame, unit = frame_and_unit(size)
         fit = fit_points(
-            starting_lens(arguments),
+            model_lens(arguments),
             frame.normalize(ideal),
             observed,
             frame=frame,

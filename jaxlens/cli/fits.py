@@ -15,6 +15,7 @@ from tyro.conf import arg
 
 from jaxlens.cli.errors import CommandError, UsageError
 from jaxlens.cli.messages import say
+from jaxlens.cli.models import check_saved, starting_lens
 from jaxlens.cli.values import Numbers, numbers
 
 if TYPE_CHECKING:
@@ -24,15 +25,7 @@ if TYPE_CHECKING:
     from jaxlens.frames import Frame
     from jaxlens.lenses import Lens
 
-Model = Literal["radial", "division", "brown-conrady"]
 Loss = Literal["linear", "huber", "cauchy"]
-
-_TERMS: dict[str, tuple[int, ...]] = {
-    "radial": (2, 1, 3, 4, 5, 6, 7, 8),
-    "division": (1,),
-    "brown-conrady": (5, 4, 8),
-}
-"""How many coefficients a model can have, the usual number first."""
 
 # Normalized coordinates are below this: half diagonals, or tangents of angles up to 87 degrees.
 _NORMALIZED = 20.0
@@ -42,8 +35,9 @@ _NORMALIZED = 20.0
 class FitArguments:
     """How to fit, and where the result goes."""
 
-    model: Model = "radial"
-    """The lens: 1 + κ1 r² + κ2 r⁴ + …, the division model, or OpenCV's k1 k2 p1 p2 k3 and so on."""
+    model: Annotated[str, arg(metavar="NAME")] = "radial"
+    """The lens: radial (1 + κ1 r² + κ2 r⁴ + …), division, or brown-conrady (OpenCV's k1 k2 p1 p2 k3 and so on).
+    Or package.module:Class, a lens of your own: that module is looked for in the current folder, too, and is run."""
 
     terms: Annotated[Optional[int], arg(metavar="N", help_behavior_hint="(default: radial 2, brown-conrady 5)")] = None
     """How many coefficients the lens has."""
@@ -74,17 +68,9 @@ def check_fit_arguments(arguments: FitArguments) -> None:
     Raises:
         UsageError: an option's value is out of bounds, or a file is in the way.
     """
-    allowed = _TERMS[arguments.model]
-    if arguments.terms is not None and arguments.terms not in allowed:
-        listed = ", ".join(str(count) for count in sorted(set(allowed)))
-        raise UsageError(f"--terms of the {arguments.model} lens can be {listed}; got {arguments.terms}")
-    terms = _terms(arguments)
-    if arguments.start is not None and len(arguments.start) > terms:
-        raise UsageError(
-            f"--start has {len(arguments.start)} coefficients, and the {arguments.model} lens {terms}; leave some out, "
-            "or pass --terms"
-        )
+    model_lens(arguments)
     if arguments.output is not None:
+        check_saved(arguments.model)
         if arguments.output.is_dir():
             raise UsageError(f"--output {str(arguments.output)!r} is a folder; name a file, such as lens.json")
         if not arguments.output.parent.is_dir():
@@ -145,19 +131,13 @@ def frame_and_unit(size: tuple[int, int] | None) -> "tuple[Frame, str]":
     return Frame.half_diagonal(size[1], size[0]), "pixels"
 
 
-def starting_lens(arguments: FitArguments) -> "Lens":
-    """Returns the lens to start from: that of --start, or the one without distortion."""
-    from jaxlens.lenses import BrownConrady, Division, RadialPolynomial
+def model_lens(arguments: FitArguments) -> "Lens":
+    """Returns the lens to start from: that of --start, or the one without distortion.
 
-    given = arguments.start or ()
-    coefficients = [*given, *[0.0] * (_terms(arguments) - len(given))]
-    if arguments.model == "division":
-        return Division(coefficients[0])
-    return (RadialPolynomial if arguments.model == "radial" else BrownConrady)(coefficients)
-
-
-def _terms(arguments: FitArguments) -> int:
-    return _TERMS[arguments.model][0] if arguments.terms is None else arguments.terms
+    Raises:
+        UsageError: as `jaxlens.cli.models.starting_lens`.
+    """
+    return starting_lens(arguments.model, arguments.terms, arguments.start or ())
 
 
 @contextlib.contextmanager

@@ -1,13 +1,17 @@
 """The Brown–Conrady lens in OpenCV's parameters: radial, tangential, and rational terms."""
 
+from typing import ClassVar
+
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxlens.lenses._lens import Lens
+from jaxlens.lenses._registry import register
 from jaxlens.numerics import as_coefficients, as_points, jitted, join, split
 
 _NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 
 
+@register("BrownConrady", short="brown-conrady")
 class BrownConrady(Lens):
     """`x_d = x_u R + (2 p1 x y + p2 (r² + 2 x²), p1 (r² + 2 y²) + 2 p2 x y)` (Brown 1966; OpenCV's model and order).
 
@@ -25,14 +29,20 @@ class BrownConrady(Lens):
     """
 
     coefficients: Float[Array, " terms"]
+    term_counts: ClassVar[tuple[int, ...]] = (5, 4, 8)
 
     def __init__(self, coefficients: ArrayLike | list | tuple):
         self.coefficients = as_coefficients(coefficients, "BrownConrady", "k1, k2, p1, p2[, k3[, k4, k5, k6]]")
-        if self.coefficients.shape[0] not in (4, 5, 8):
+        if self.coefficients.shape[0] not in self.term_counts:
             raise ValueError(
                 "BrownConrady takes k1, k2, p1, p2[, k3[, k4, k5, k6]], that is 4, 5 or 8 numbers, got "
                 f"{self.coefficients.shape[0]}"
             )
+
+    @classmethod
+    def identity(cls, *, terms: int | None = None) -> "BrownConrady":
+        """Returns the lens of 4, 5 or 8 zeros; five unless given."""
+        return cls([0.0] * cls.count_terms(terms))
 
     @property
     def needs_frame(self) -> bool:

@@ -1,13 +1,17 @@
 """The division model of Eq. 5: one coefficient, both directions in closed form."""
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float, Int8
 
 from jaxlens.lenses._lens import RadialLens, as_center
+from jaxlens.lenses._registry import register
 from jaxlens.maps import inverse_status
 from jaxlens.numerics import as_floating, epsilon
 
 
+@register("Division", short="division")
 class Division(RadialLens):
     """`x_u = c + (x_d − c) / (1 − k |x_d − c|²)` (Eq. 5, second form).
 
@@ -20,6 +24,7 @@ class Division(RadialLens):
     """
 
     k: Float[Array, ""]
+    term_counts: ClassVar[tuple[int, ...]] = (1,)
 
     def __init__(self, k: ArrayLike, *, center: ArrayLike | list | tuple | None = None):
         self.k = as_floating(k)
@@ -28,6 +33,12 @@ class Division(RadialLens):
                 f"k must be a number, got shape {self.k.shape}; a batch of lenses is made by jax.vmap(Division)(k)"
             )
         self.center = as_center(center, self.k.dtype)
+
+    @classmethod
+    def identity(cls, *, terms: int | None = None) -> "Division":
+        """Returns the lens with k = 0."""
+        cls.count_terms(terms)
+        return cls(0.0)
 
     def factor(self, squared_radius: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
         """Returns Φ = 2 / (1 + √(1 + 4 k r²)): Eq. 5 solved for x_d without cancellation; NaN beyond the fold."""

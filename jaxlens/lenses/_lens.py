@@ -1,7 +1,7 @@
 """What every lens can do, and what every radial lens can."""
 
 import abc
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -19,7 +19,44 @@ from jaxlens.numerics import as_floating, as_points, jitted, join, split
 
 
 class Lens(CoordinateMap):
-    """A coordinate map that takes ideal points to observed ones, both normalized."""
+    """A coordinate map that takes ideal points to observed ones, both normalized.
+
+    A lens of one's own defines `distort`; for fits by name, from the command line, `identity`, too; and
+    `jaxlens.lenses.register` gives it a name in files.
+    """
+
+    term_counts: ClassVar[tuple[int, ...]] = ()
+    """How many coefficients `identity` can be asked for, the usual number first; none where there is no choice."""
+
+    @classmethod
+    def identity(cls, *, terms: int | None = None) -> "Lens":
+        """Returns the lens that distorts nothing: where a fit starts that knows no better.
+
+        Args:
+            terms: How many coefficients, of a class with `term_counts`; the usual number unless given.
+
+        Raises:
+            ValueError: a number that is none of `term_counts`.
+            NotImplementedError: the class does not define it.
+        """
+        raise NotImplementedError(
+            f"{cls.__name__} does not say where a fit starts: let its classmethod identity(cls, *, terms=None) return "
+            "the lens that distorts nothing"
+        )
+
+    @classmethod
+    def count_terms(cls, terms: int | None) -> int:
+        """Returns how many coefficients are meant: those asked for, or the usual number.
+
+        Raises:
+            ValueError: a number that is none of `term_counts`.
+        """
+        if terms is None and cls.term_counts:
+            return cls.term_counts[0]
+        if terms not in cls.term_counts:
+            listed = ", ".join(str(count) for count in sorted(cls.term_counts)) or "no"
+            raise ValueError(f"the coefficients of {cls.__name__} can be {listed} in number, got {terms}")
+        return terms
 
     @abc.abstractmethod
     def distort(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2"]:

@@ -1,13 +1,17 @@
 """The polynomial lens of Eq. 9, of any order."""
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxlens.lenses._lens import RadialLens, as_center
+from jaxlens.lenses._registry import register
 from jaxlens.numerics import as_coefficients, jitted, polynomial
 from jaxlens.polynomials import smallest_positive_root
 
 
+@register("RadialPolynomial", short="radial")
 class RadialPolynomial(RadialLens):
     """`x_d = c + (x_u − c) Φ(r²)` with `Φ(r²) = 1 + κ1 r² + κ2 r⁴ + …` (Eq. 9) and `r = |x_u − c|`.
 
@@ -25,10 +29,16 @@ class RadialPolynomial(RadialLens):
     """
 
     coefficients: Float[Array, " order"]
+    term_counts: ClassVar[tuple[int, ...]] = (2, 1, 3, 4, 5, 6, 7, 8)
 
     def __init__(self, coefficients: ArrayLike | list | tuple, *, center: ArrayLike | list | tuple | None = None):
         self.coefficients = as_coefficients(coefficients, "RadialPolynomial", "κ1, κ2, …")
         self.center = as_center(center, self.coefficients.dtype)
+
+    @classmethod
+    def identity(cls, *, terms: int | None = None) -> "RadialPolynomial":
+        """Returns the lens of one to eight zeros, two unless given; the constructor takes any number."""
+        return cls([0.0] * cls.count_terms(terms))
 
     def factor(self, squared_radius: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
         """Returns Φ(r²) of Eq. 9."""

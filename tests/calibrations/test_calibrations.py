@@ -1,10 +1,13 @@
 """Calibration files: what is written comes back, and what is broken is named."""
 
 import json
+import sys
 
+import equinox as eqx
 import jax
 import numpy as np
 import pytest
+from jaxtyping import Array, Float
 
 import jaxlens as jl
 from jaxlens.calibrations import (
@@ -14,7 +17,7 @@ from jaxlens.calibrations import (
     read_corners,
     write_calibration,
 )
-from jaxlens.calibrations._calibration import MODELS
+from jaxlens.numerics import as_floating, as_points, join, split
 
 LENSES = {
     "RadialPolynomial": lambda: jl.RadialPolynomial([0.1, -0.02, 0.003], center=[0.01, -0.02]),
@@ -28,7 +31,7 @@ def path(tmp_path):
     return tmp_path / "lens.json"
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", LENSES)
 def test_a_lens_comes_back_bit_by_bit(x64, path, model):
     lens = LENSES[model]()
     frame = jl.Frame([320.25, 239.5], [532.8, 533.1])
@@ -90,7 +93,7 @@ GOOD = {
     [
         ({"format": "other"}, 'it does not say "format"'),
         ({"schema_version": 2}, "schema version 2"),
-        ({"model": "Fisheye"}, "model: .* got 'Fisheye'"),
+        ({"model": "Fisheye"}, "model: there is no lens 'Fisheye'; there are BrownConrady, Division, RadialPolynomial"),
         ({"parameters": {"k": "0.1"}}, r"parameters\.k.*got '0.1'"),
         ({"lens": 1}, "lens: Extra inputs are not permitted"),
         ({"frame": {"center": [0, 0], "scale": [0, 1]}}, r"frame\.scale\.0: .*greater than 0"),
@@ -114,6 +117,79 @@ def test_what_is_wrong_is_named(path, change, message):
     with pytest.raises(CalibrationError, match=message) as caught:
         read_calibration(path)
     assert repr(str(path)) in str(caught.value)
+
+
+@jl.lenses.register("test.cubic")
+class Cubic(jl.Lens):
+    """A lens of somebody's own."""
+
+    a: Float[Array, ""]
+    shift: Float[Array, "2"]
+
+    def __init__(self, a, *, shift=(0.0, 0.0)):
+        self.a, self.shift = as_floating(a), as_floating(shift)
+
+    @classmethod
+    def identity(cls, *, terms=None):
+        return cls(0.0)
+
+    def distort(self, points):
+        x, y = split(as_points(points))
+        squared = x * x + y * y
+        factor = 1 + self.a * squared
+        return join(x * factor + self.shift[0] * squared, y * factor + self.shift[1] * squared)
+
+
+def test_a_lens_of_one_s_own_comes_back(x64, path):
+    lens = Cubic(-0.1, shift=[0.01, 0.02])
+    ideal = np.random.default_rng(0).uniform(-0.7, 0.7, (50, 2))
+    fit = jl.fitting.fit_points(Cubic.identity(), ideal, lens.distort(ideal))
+    write_calibration(path, Calibration.from_fit(fit))
+    assert json.loads(path.read_text())["model"] == "test.cubic"
+    read = read_calibration(path).lens()
+    assert isinstance(read, Cubic)
+    np.testing.assert_allclose(read.a, -0.1, atol=1e-12)
+    np.testing.assert_allclose(read.shift, [0.01, 0.02], atol=1e-12)
+
+
+class _Nameless(jl.Division):
+    """A subclass has no name by inheritance: it may be another model."""
+
+
+@jl.lenses.register("test.closed")
+class _Closed(jl.Division):
+    def __init__(self):
+        super().__init__(0.0)
+
+
+@jl.lenses.register("test.static")
+class _Static(jl.Division):
+    order: int = eqx.field(static=True, default=1)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: _Nameless(0.1), "_Nameless has no name in files: decorate the class"),
+        (lambda: _Closed(), "_Closed cannot be read back: its constructor must take its fields by name"),
+        (lambda: _Static(0.1), r"_Static\.order is static"),
+        (lambda: jl.Division(0.1).then(jl.Division(0.1)), "holds a lens, not a Chain"),
+    ],
+)
+def test_lenses_that_no_file_holds(make, message):
+    with pytest.raises(CalibrationError, match=message):
+        Calibration.from_lens(make())
+
+
+def test_a_file_imports_nothing(path, monkeypatch):
+    """A model that looks like a module's path is a name like any other, and unknown."""
+    (path.parent / "malicious.py").write_text("raise SystemExit('imported')")
+    monkeypatch.syspath_prepend(path.parent)
+    for model in ("malicious:Lens", "malicious.Lens", "os:system"):
+        path.write_text(json.dumps(GOOD | {"model": model}))
+        with pytest.raises(CalibrationError, match="there is no lens"):
+            read_calibration(path)
+    assert "malicious" not in sys.modules
 
 
 @pytest.mark.parametrize(
