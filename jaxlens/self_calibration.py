@@ -19,8 +19,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from jaxlens.fitting._homographies import plane_homographies
-from jaxlens.fitting._poses import rotation_matrix
+from jaxlens.deformations import direct_linear_transform
+from jaxlens.fitting import rotation_matrix
 from jaxlens.lenses import Lens
 from jaxlens.numerics import as_floating, as_points, epsilon, join
 
@@ -193,7 +193,7 @@ def calibrate_by_rotation(
     before, after, seen = follow(rotations)
     if undistorted:
         before, after = jax.vmap(lambda points: camera.lens.invert(points).points)(jnp.stack([before, after]))
-    homographies = plane_homographies(before, after, seen.astype(before.dtype))
+    homographies = jax.vmap(direct_linear_transform)(before, after, seen.astype(before.dtype))
     return self_calibrate_focal_length(homographies)
 
 

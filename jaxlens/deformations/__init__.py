@@ -2,6 +2,7 @@
 
 from jaxlens.deformations._bspline import BSplineField as BSplineField
 from jaxlens.deformations._bspline_fit import fit_bspline_field as fit_bspline_field
+from jaxlens.deformations._dlt import direct_linear_transform as direct_linear_transform
 from jaxlens.deformations._estimation import EstimateStatus as EstimateStatus
 from jaxlens.deformations._estimation import HomographyEstimate as HomographyEstimate
 from jaxlens.deformations._estimation import estimate_homography as estimate_homography

@@ -12,9 +12,34 @@ def direct_linear_transform(
 ) -> Float[Array, "3 3"]:
     """Returns the homography from source to target points by the normalized direct linear transform.
 
-    Good as a start: it minimizes an algebraic error. Points of weight zero do not count, other weights are not looked
-    at. Its sign is that of a denominator that is positive in the middle of the source points, its scale arbitrary.
+    Good as a start, and in closed form: it minimizes an algebraic error. What `estimate_homography` returns is best in
+    the target.
+
+    Args:
+        source: `(N, 2)` points, (x, y) order; at least four, no three of them on a line. A batch is made by `jax.vmap`.
+        target: `(N, 2)`, where they are seen.
+        weights: `(N,)`; points of weight zero do not count (but must be finite), other weights are not looked at.
+
+    Returns:
+        The matrix. Its sign is that of a denominator that is positive in the middle of the source points, its scale
+        arbitrary. Differentiable where the homography is the only one.
+
+    Raises:
+        ValueError: shapes that do not fit.
+
+    Example:
+        >>> import jax.numpy as jnp, jaxlens as jl
+        >>> square = jnp.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+        >>> matrix = jl.deformations.direct_linear_transform(square, 2 * square + 1, jnp.ones(4))
+        >>> (matrix / matrix[2, 2]).round(3).tolist()
+        [[2.0, 0.0, 1.0], [0.0, 2.0, 1.0], [0.0, 0.0, 1.0]]
     """
+    count = weights.shape[0] if weights.ndim == 1 else -1
+    if source.shape != (count, 2) or target.shape != (count, 2):
+        raise ValueError(
+            "source and target must both have shape (N, 2), and weights (N,), got "
+            f"{source.shape}, {target.shape} and {weights.shape}; for a batch use jax.vmap"
+        )
     used = (weights > 0).astype(source.dtype)
     source, from_source = conditioned(source, used)
     target, from_target = conditioned(target, used)

@@ -11,10 +11,9 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float
 
+from jaxlens.deformations import direct_linear_transform
 from jaxlens.experiments.schema import RotationExperiment
-from jaxlens.fitting import fit_points
-from jaxlens.fitting._homographies import plane_homographies
-from jaxlens.fitting._poses import rotation_matrix
+from jaxlens.fitting import fit_points, rotation_matrix
 from jaxlens.lenses import RadialPolynomial
 from jaxlens.self_calibration import RotatingCamera, self_calibrate_focal_length
 
@@ -101,7 +100,8 @@ def _homographies(
 
         def undistorted(kappa: Array) -> Array:
             lens = RadialPolynomial(kappa[None])
-            return plane_homographies(lens.invert(before).points, lens.invert(after).points, seen.astype(before.dtype))
+            source, target = lens.invert(before).points, lens.invert(after).points
+            return jax.vmap(direct_linear_transform)(source, target, seen.astype(before.dtype))
 
         return lax.map(undistorted, kappa)
 

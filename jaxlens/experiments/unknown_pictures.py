@@ -19,8 +19,7 @@ from jaxtyping import Array, Float
 from jaxlens.experiments import paper
 from jaxlens.experiments.portraits import PARAMETERS, Template, bounds, random_parameters, render
 from jaxlens.experiments.readings import READINGS, Reading, source_map
-from jaxlens.fitting._problem import Problem, minimize
-from jaxlens.fitting._solver import Unknowns
+from jaxlens.fitting import Problem, Unknowns, minimize
 from jaxlens.sampling import remap
 
 KAPPA = np.array([row.kappa for row in paper.TABLE_1])
@@ -336,7 +335,7 @@ def _fit(
 ) -> tuple[Float[Array, " parameters"], Float[Array, ""]]:
     lower, upper = problem.lower, problem.upper
     begin = Unknowns(start, jnp.zeros((1, 0), start.dtype))
-    found = minimize(problem, begin, loss="linear", loss_scale=None, bounds=(lower, upper), max_steps=_MOST_STEPS)
+    found = minimize(problem, begin, bounds=(lower, upper), max_steps=_MOST_STEPS)
     return found.unknowns.shared, 0.5 * jnp.sum(problem.weighted(found.unknowns) ** 2)
 
 

@@ -1,11 +1,12 @@
 """What the fits ask of their arguments, once for all of them: clear errors for what no fit could use."""
 
 from collections.abc import Mapping
-from typing import get_args
+from typing import Any, get_args
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optimistix as optx
 from jaxtyping import Array, ArrayLike, PyTree
 
 from jaxlens.fitting._robust import Loss
@@ -27,6 +28,44 @@ def check_loss(loss: str, loss_scale: ArrayLike | None) -> None:
         raise ValueError(f"loss must be one of {', '.join(get_args(Loss))}, got {loss!r}")
     if loss_scale is not None and is_concrete(loss_scale) and not 0 < float(np.asarray(loss_scale)) < np.inf:
         raise ValueError(f"loss_scale must be a finite number above 0, got {loss_scale}")
+
+
+def check_solver(solver: object, *, bounded: bool) -> None:
+    """Raises `ValueError` for a solver that is none for least squares, or that would pass over the bounds."""
+    if solver is None:
+        return
+    if not isinstance(solver, optx.AbstractLeastSquaresSolver):
+        got = f"the class {solver.__name__}" if isinstance(solver, type) else f"{type(solver).__name__}"
+        raise ValueError(
+            "solver must be a least-squares solver of optimistix, such as "
+            f"optimistix.LevenbergMarquardt(rtol=1e-8, atol=1e-8), or None for ours; got {got}"
+        )
+    if bounded:
+        raise ValueError(
+            f"{type(solver).__name__} knows no bounds: leave them out, or leave the solver to us by solver=None"
+        )
+
+
+class Static:
+    """A pytree that `jax.jit` takes as a static argument: equal to another of the same content, arrays included."""
+
+    def __init__(self, tree: PyTree):
+        self.tree = tree
+        leaves, structure = jax.tree.flatten(tree)
+        self._key = structure, tuple(_as_key(leaf) for leaf in leaves)
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Static) and self._key == other._key
+
+
+def _as_key(leaf: Any) -> Any:
+    if not isinstance(leaf, jax.Array | np.ndarray):
+        return leaf
+    values = np.asarray(leaf)
+    return values.shape, values.dtype.str, values.tobytes()
 
 
 def as_weights(weights: ArrayLike | None, shape: tuple[int, ...]) -> Array | np.ndarray:

@@ -7,18 +7,22 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optimistix as optx
 from jaxtyping import Array, ArrayLike, Float, Int, PyTree
 
+from jaxlens.deformations import direct_linear_transform
 from jaxlens.fitting._arguments import (
     Bounds,
+    Static,
     as_weights,
     bound_vectors,
     check_count,
     check_loss,
+    check_solver,
     common_dtype,
     is_concrete,
 )
-from jaxlens.fitting._homographies import focal_lengths, plane_homographies, poses_from_homographies
+from jaxlens.fitting._homographies import focal_lengths, poses_from_homographies
 from jaxlens.fitting._parameters import Choice, Selection, choose, free_mask, in_dtype, without
 from jaxlens.fitting._poses import Poses
 from jaxlens.fitting._problem import Problem, assess, minimize, report
@@ -134,6 +138,7 @@ def calibrate(
     loss: Loss = "linear",
     loss_scale: Float[ArrayLike, ""] | None = None,
     max_steps: int = 200,
+    solver: optx.AbstractLeastSquaresSolver | None = None,
     throw: bool = True,
 ) -> Fit:
     """Calibrates a camera by Zhang's method: camera matrix, lens and board poses from views of a planar board.
@@ -154,6 +159,7 @@ def calibrate(
         loss: As in `fit_points`.
         loss_scale: As in `fit_points`, in pixels.
         max_steps: As in `fit_points`.
+        solver: As in `fit_points`.
         throw: As in `fit_points`.
 
     Returns:
@@ -166,6 +172,7 @@ def calibrate(
         FitError: `throw`, and no result worth having; parallel boards are `RANK_DEFICIENT`.
     """
     check_loss(loss, loss_scale)
+    check_solver(solver, bounded=bool(bounds))
     boards = boards if isinstance(boards, Boards) else Boards.from_views(boards)
     width, height = image_size
     views = boards.observed.shape[0]
@@ -185,25 +192,28 @@ def calibrate(
         loss_scale,
         loss=loss,
         max_steps=max_steps,
+        solver=Static(solver),
     )
     return checked(fit, throw)
 
 
-@partial(jax.jit, static_argnames=("choice", "loss", "max_steps"))
-def _fit(choice: Choice, lens, boards, size, camera_matrix, bounds, loss_scale, *, loss, max_steps) -> Fit:
+@partial(jax.jit, static_argnames=("choice", "loss", "max_steps", "solver"))
+def _fit(choice: Choice, lens, boards, size, camera_matrix, bounds, loss_scale, *, loss, max_steps, solver) -> Fit:
     dtype = size.dtype
     lens, boards, camera_matrix, bounds, loss_scale = in_dtype((lens, boards, camera_matrix, bounds, loss_scale), dtype)
     frame, poses = _start(lens, boards, size, camera_matrix)
     model = {"camera": {"focal_length": frame.scale, "principal_point": frame.center}, "lens": lens}
     problem = _Boards(selection=Selection(model, choice), boards=boards, weights=boards.weights)
     start = Unknowns(problem.selection.values(), _blocks(poses))
-    minimum = minimize(problem, start, loss=loss, loss_scale=loss_scale, bounds=bounds, max_steps=max_steps)
-    known = assess(problem, minimum, loss)
+    minimum = minimize(
+        problem, start, loss=loss, loss_scale=loss_scale, bounds=bounds, max_steps=max_steps, solver=solver.tree
+    )
+    known = assess(problem, minimum, loss=loss)
     model = problem.selection.insert(minimum.unknowns.shared)
     poses, frame = _poses(minimum.unknowns.blocks), _frame(model)
     camera = np.array([name in _CAMERA for name in choice.names])
     lost = jnp.any(camera & ~(known.inflation < IDENTIFIED)) | (_parallel(poses) & bool(camera.any()))
-    status = jnp.where(lost & (known.status <= FitStatus.DIVERGED), FitStatus.RANK_DEFICIENT, known.status)
+    status = jnp.where(lost & (known.status_code <= FitStatus.DIVERGED), FitStatus.RANK_DEFICIENT, known.status_code)
     return report(
         minimum,
         known,
@@ -254,9 +264,9 @@ def evaluate(lens: Lens, frame: Frame, boards: Boards, *, max_steps: int = 200) 
     def one_view(boards: Boards) -> tuple[Array, Array, Array]:
         problem = _Pose(lens=lens, frame=frame, boards=boards, weights=boards.weights)
         start = Unknowns.dense(_blocks(_start_poses(lens, frame, boards))[0])
-        minimum = minimize(problem, start, loss="linear", loss_scale=None, bounds=None, max_steps=max_steps)
-        known = assess(problem, minimum, "linear")
-        return minimum.unknowns.shared, known.residuals[0], known.status
+        minimum = minimize(problem, start, max_steps=max_steps)
+        known = assess(problem, minimum)
+        return minimum.unknowns.shared, known.residuals[0], known.status_code
 
     alone = jax.tree.map(lambda leaf: leaf[:, None], boards)
     vectors, residuals, status = jax.vmap(one_view)(alone)
@@ -290,7 +300,7 @@ def _start(lens: Lens, boards: Boards, size: Array, camera_matrix: Array | None)
     boards = boards.view(jnp.where(taken, jnp.arange(taken.shape[0]), jnp.argmax(taken)))
     if camera_matrix is None:
         center = 0.5 * (size - 1)
-        matrices = plane_homographies(boards.points, boards.observed, boards.weights)
+        matrices = jax.vmap(direct_linear_transform)(boards.points, boards.observed, boards.weights)
         frame = Frame(center, focal_lengths(matrices, center, jnp.max(size)))
         return frame, poses_from_homographies(matrices, frame)
     frame = Frame.from_camera_matrix(camera_matrix)
@@ -299,7 +309,8 @@ def _start(lens: Lens, boards: Boards, size: Array, camera_matrix: Array | None)
 
 def _start_poses(lens: Lens, frame: Frame, boards: Boards) -> Poses:
     ideal = frame.denormalize(lens.invert(frame.normalize(boards.observed)).points)
-    return poses_from_homographies(plane_homographies(boards.points, ideal, boards.weights), frame)
+    matrices = jax.vmap(direct_linear_transform)(boards.points, ideal, boards.weights)
+    return poses_from_homographies(matrices, frame)
 
 
 def _frame(model: PyTree) -> Frame:

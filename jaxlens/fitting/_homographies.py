@@ -1,21 +1,11 @@
-"""Closed-form starts for calibration: homographies of a plane, focal lengths and poses from them (Zhang 2000)."""
+"""Closed-form starts for calibration: focal lengths and poses from homographies of a plane (Zhang 2000)."""
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxlens.deformations._dlt import direct_linear_transform
 from jaxlens.fitting._poses import Poses, rotation_vector
 from jaxlens.frames import Frame
-
-
-def plane_homographies(
-    source: Float[Array, "views points 2"],
-    target: Float[Array, "views points 2"],
-    weights: Float[Array, "views points"],
-) -> Float[Array, "views 3 3"]:
-    """Returns the homographies from source to target points: the normalized direct linear transform (Hartley 1997)."""
-    return jax.vmap(direct_linear_transform)(source, target, weights)
 
 
 def focal_lengths(

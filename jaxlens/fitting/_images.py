@@ -6,10 +6,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optimistix as optx
 from jax import lax
 from jaxtyping import Array, ArrayLike, Bool, Float, PyTree, Shaped
 
-from jaxlens.fitting._arguments import Bounds, bound_vectors, check_loss, common_dtype
+from jaxlens.fitting._arguments import Bounds, Static, bound_vectors, check_loss, check_solver, common_dtype
 from jaxlens.fitting._parameters import Choice, Selection, choose, free_mask, in_dtype
 from jaxlens.fitting._problem import Minimum, Problem, assess, minimize, report
 from jaxlens.fitting._result import Fit, FitStatus, checked
@@ -89,6 +90,7 @@ def fit_images(
     loss: Loss = "linear",
     loss_scale: Float[ArrayLike, ""] | None = None,
     max_steps: int = 50,
+    solver: optx.AbstractLeastSquaresSolver | None = None,
     throw: bool = True,
 ) -> Fit:
     """Finds the lens with which `distort_image` turns one picture into the other, from their gray values.
@@ -113,6 +115,7 @@ def fit_images(
             still draws gain and offset a little).
         loss_scale: As in `fit_points`, in gray values.
         max_steps: Steps of the solver at each level, in each round.
+        solver: As in `fit_points`.
         throw: As in `fit_points`.
 
     Returns:
@@ -133,6 +136,7 @@ def fit_images(
         0.3
     """
     check_loss(loss, loss_scale)
+    check_solver(solver, bounded=bool(bounds))
     source, distorted = jnp.asarray(source), jnp.asarray(distorted)
     for name, image in (("source", source), ("distorted", distorted)):
         _check_image(name, image)
@@ -157,11 +161,12 @@ def fit_images(
         search=search and isinstance(lens, Lens),
         loss=loss,
         max_steps=max_steps,
+        solver=Static(solver),
     )
     return checked(fit, throw)
 
 
-@partial(jax.jit, static_argnames=("choice", "search", "loss", "max_steps"))
+@partial(jax.jit, static_argnames=("choice", "search", "loss", "max_steps", "solver"))
 def _fit(
     choice: Choice,
     lens,
@@ -176,6 +181,7 @@ def _fit(
     search: bool,
     loss: Loss,
     max_steps: int,
+    solver: Static,
 ) -> Fit:
     dtype = common_dtype(lens, source, distorted)
     mask = jnp.ones(distorted.shape[:2], bool) if mask is None else mask
@@ -190,7 +196,7 @@ def _fit(
         weights=mask.astype(dtype).reshape(1, -1),
     )
     levels = _pyramid(lax.stop_gradient(finest))
-    options = {"loss": loss, "loss_scale": loss_scale, "bounds": bounds, "max_steps": max_steps}
+    options = {"loss": loss, "loss_scale": loss_scale, "bounds": bounds, "max_steps": max_steps, "solver": solver.tree}
     values = lax.stop_gradient(finest.selection.values())
     if search:
         values, steps = _search(levels.pop(), values, options)
@@ -202,12 +208,12 @@ def _fit(
     minimum = _descend(finest, values, options)
     values, steps = minimum.unknowns.shared, steps + minimum.steps
     problem = _restricted(finest, values)
-    known = assess(problem, minimum, loss)
+    known = assess(problem, minimum, loss=loss)
     lens = problem.selection.insert(values)["lens"]
     _, valid = problem.places(lens)
     status = jnp.where(
-        _explained(problem, known.residuals) | (known.status > FitStatus.DIVERGED),
-        known.status,
+        _explained(problem, known.residuals) | (known.status_code > FitStatus.DIVERGED),
+        known.status_code,
         FitStatus.UNEXPLAINED,
     )
     return report(
@@ -247,7 +253,7 @@ def _descend(level: _Images, values: Array, options: dict) -> Minimum:
     def one_round(state: Minimum, _: None) -> tuple[Minimum, None]:
         start = lax.stop_gradient(state.unknowns)
         found = minimize(_restricted(level, start.shared), start, **options)
-        return Minimum(found.unknowns, found.loss_scale, found.status, state.steps + found.steps), None
+        return Minimum(found.unknowns, found.loss_scale, found.status_code, state.steps + found.steps), None
 
     start = Minimum(Unknowns.dense(values), jnp.zeros_like(values[0]), jnp.asarray(FitStatus.MAX_STEPS), jnp.asarray(0))
     return lax.scan(one_round, start, None, length=_ROUNDS)[0]

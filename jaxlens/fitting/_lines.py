@@ -7,15 +7,18 @@ from typing import cast
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optimistix as optx
 from jax import lax
 from jaxtyping import Array, ArrayLike, Bool, Float, PyTree
 
 from jaxlens.fitting._arguments import (
     Bounds,
+    Static,
     as_weights,
     bound_vectors,
     check_count,
     check_loss,
+    check_solver,
     common_dtype,
     is_concrete,
 )
@@ -93,6 +96,7 @@ def fit_lines(
     loss: Loss = "linear",
     loss_scale: Float[ArrayLike, ""] | None = None,
     max_steps: int = 200,
+    solver: optx.AbstractLeastSquaresSolver | None = None,
     throw: bool = True,
 ) -> Fit:
     """Finds the lens that makes lines straight again: plumb-line calibration, without a known target.
@@ -116,6 +120,7 @@ def fit_lines(
             out, for with them the standard errors are too small.
         loss_scale: As in `fit_points`.
         max_steps: As in `fit_points`.
+        solver: As in `fit_points`; it takes the last way, from what the search has found.
         throw: As in `fit_points`.
 
     Returns:
@@ -128,6 +133,7 @@ def fit_lines(
         FitError: `throw`, and no result worth having.
     """
     check_loss(loss, loss_scale)
+    check_solver(solver, bounded=bool(bounds))
     points, weights = _padded(lines, weights)
     choice = choose(lens, free_mask(lens, free, center=center))
     check_count(1, weights, choice.names, "points on lines", _LINE * points.shape[0])
@@ -142,12 +148,13 @@ def fit_lines(
         searches=search and bool(coefficient_places(choice.names)),
         loss=loss,
         max_steps=max_steps,
+        solver=Static(solver),
     )
     return checked(fit, throw)
 
 
-@partial(jax.jit, static_argnames=("choice", "searches", "loss", "max_steps"))
-def _fit(choice: Choice, lens, frame, points, weights, bounds, loss_scale, *, searches, loss, max_steps) -> Fit:
+@partial(jax.jit, static_argnames=("choice", "searches", "loss", "max_steps", "solver"))
+def _fit(choice: Choice, lens, frame, points, weights, bounds, loss_scale, *, searches, loss, max_steps, solver) -> Fit:
     dtype = common_dtype(lens, points)
     frame = Frame(jnp.zeros(2), jnp.ones(2)) if frame is None else frame
     lens, frame, points, weights, bounds, loss_scale = in_dtype(
@@ -168,12 +175,17 @@ def _fit(choice: Choice, lens, frame, points, weights, bounds, loss_scale, *, se
     options = {"loss": loss, "loss_scale": loss_scale, "bounds": bounds, "max_steps": max_steps}
     fixed = lax.stop_gradient(problem)
     start = fixed.selection.values()
-    found = _search(fixed, start, options) if searches else descend(fixed, Unknowns.dense(start), **options)
+    if searches:
+        found = _search(fixed, start, options)
+        if solver.tree is not None:
+            found = descend(fixed, found.unknowns, **options, solver=solver.tree)
+    else:
+        found = descend(fixed, Unknowns.dense(start), **options, solver=solver.tree)
     minimum = differentiable(problem, found, loss)
-    known = assess(problem, minimum, loss, _LINE * points.shape[0])
+    known = assess(problem, minimum, loss=loss, further_parameters=_LINE * points.shape[0])
     lens = problem.selection.insert(minimum.unknowns.shared)
     blind = _blind(problem, minimum.unknowns)
-    status = jnp.where(blind & (known.status <= FitStatus.DIVERGED), FitStatus.RANK_DEFICIENT, known.status)
+    status = jnp.where(blind & (known.status_code <= FitStatus.DIVERGED), FitStatus.RANK_DEFICIENT, known.status_code)
     return report(
         minimum,
         known,

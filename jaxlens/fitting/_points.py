@@ -4,15 +4,18 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
+import optimistix as optx
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
 from jaxlens.fitting._arguments import (
     Bounds,
+    Static,
     as_weights,
     bound_vectors,
     check_count,
     check_finite,
     check_loss,
+    check_solver,
     common_dtype,
 )
 from jaxlens.fitting._parameters import Choice, Selection, choose, free_mask, in_dtype
@@ -54,6 +57,7 @@ def fit_points(
     loss: Loss = "linear",
     loss_scale: Float[ArrayLike, ""] | None = None,
     max_steps: int = 200,
+    solver: optx.AbstractLeastSquaresSolver | None = None,
     throw: bool = True,
 ) -> Fit:
     """Finds the lens that takes ideal points to observed ones: `observed ≈ frame.denormalize(lens.distort(ideal))`.
@@ -76,6 +80,9 @@ def fit_points(
         loss_scale: The residual at which the loss bends, in units of a point of weight one; estimated by
             the median residual, unless given.
         max_steps: Steps of the solver, in each round of a robust loss.
+        solver: A least-squares solver of optimistix in place of ours, such as `optimistix.Dogleg(1e-8, 1e-8)`. It knows
+            no bounds, and its tolerances are its own. Dogleg and Gauss–Newton cannot start where a parameter has no
+            effect, as the centre of a lens that distorts nothing: the status is then `RANK_DEFICIENT`.
         throw: Raise `FitError` unless the fit has converged and the data determine it. Under `jax.jit` and `jax.vmap`
             nothing is raised: look at `status`.
 
@@ -98,6 +105,7 @@ def fit_points(
         [-0.2, 0.05]
     """
     check_loss(loss, loss_scale)
+    check_solver(solver, bounded=bool(bounds))
     ideal, observed = as_points(ideal), as_points(observed)
     if ideal.ndim != 2 or ideal.shape != observed.shape:
         raise ValueError(
@@ -121,12 +129,13 @@ def fit_points(
         loss_scale,
         loss=loss,
         max_steps=max_steps,
+        solver=Static(solver),
     )
     return checked(fit, throw)
 
 
-@partial(jax.jit, static_argnames=("choice", "loss", "max_steps"))
-def _fit(choice: Choice, lens, frame, ideal, observed, weights, bounds, loss_scale, *, loss, max_steps) -> Fit:
+@partial(jax.jit, static_argnames=("choice", "loss", "max_steps", "solver"))
+def _fit(choice: Choice, lens, frame, ideal, observed, weights, bounds, loss_scale, *, loss, max_steps, solver) -> Fit:
     dtype = common_dtype(lens, ideal, observed)
     frame = Frame(jnp.zeros(2), jnp.ones(2)) if frame is None else frame
     frame, ideal, observed, weights, bounds, loss_scale = in_dtype(
@@ -144,8 +153,9 @@ def _fit(choice: Choice, lens, frame, ideal, observed, weights, bounds, loss_sca
         loss_scale=loss_scale,
         bounds=bounds,
         max_steps=max_steps,
+        solver=solver.tree,
     )
-    known = assess(problem, minimum, loss)
+    known = assess(problem, minimum, loss=loss)
     model = selection.insert(minimum.unknowns.shared)
     return report(
         minimum,

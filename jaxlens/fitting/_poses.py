@@ -30,7 +30,13 @@ class Poses(eqx.Module):
 
 
 def rotation_matrix(vector: Float[ArrayLike, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
-    """Returns the matrices of rotation vectors (Rodrigues), smooth at zero."""
+    """Returns the matrices of rotation vectors, axis times angle in radians (Rodrigues); smooth at zero.
+
+    Example:
+        >>> import jax.numpy as jnp, jaxlens as jl
+        >>> jl.fitting.rotation_matrix(jnp.array([0.0, 0.0, jnp.pi / 2])).round(3).tolist()
+        [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+    """
     vector = jnp.asarray(vector)
     x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
     squared = x * x + y * y + z * z

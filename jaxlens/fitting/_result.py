@@ -94,10 +94,10 @@ class Fit(eqx.Module):
     @property
     def status(self) -> FitStatus | Int[Array, "*batch"]:
         """How the fit ended. Of a batch of fits, and under `jax.jit` and `jax.vmap`, an array of the numbers."""
-        return _named(self.status_code)
+        return named_status(self.status_code)
 
     def __repr__(self) -> str:
-        return eqx.tree_pformat(eqx.tree_at(lambda fit: fit.status_code, self, _named(self.status_code)))
+        return eqx.tree_pformat(eqx.tree_at(lambda fit: fit.status_code, self, named_status(self.status_code)))
 
     @property
     def standard_errors(self) -> Float[Array, "*batch parameters"]:
@@ -170,7 +170,7 @@ class Fit(eqx.Module):
         return summarize(self)
 
 
-def _named(code: Any) -> Any:
+def named_status(code: Any) -> Any:
     """The status that a number stands for, if it is one and known; a tree may hold other leaves, such as shapes."""
     known = isinstance(code, jax.Array | np.ndarray | np.integer) and is_concrete(code) and not code.ndim
     return FitStatus(int(code)) if known else code

@@ -38,8 +38,9 @@ class Unknowns(eqx.Module):
     """The parameters of a fit.
 
     Attributes:
-        shared: Parameters that every residual depends on.
-        blocks: Parameters of which each row touches only its own row of the residuals; `(1, 0)` where there are none.
+        shared: `(shared,)`, parameters that every residual may depend on.
+        blocks: `(blocks, size)`, parameters of which each row touches only its own row of the residuals, as the pose
+            of a view does; `(1, 0)` where there are none.
     """
 
     shared: Float[Array, "*batch shared"]
