@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optimistix as optx
 import pytest
 
 import jaxlens as jl
@@ -38,6 +39,43 @@ def bench_fit_points(race):
         expected = np.asarray(ours()) if theirs is None else theirs.read(theirs.run())[0]
         found = check("largest difference from SciPy's estimates", _distance_from(expected), ours, None, limit=AGREED)
         race(ours, theirs, package="SciPy", checks=[found], moved=ideal.nbytes + observed.nbytes)
+
+
+# Tolerances at which their last step leaves as little as ours does; and a start at which the centre has an effect,
+# without which Dogleg takes no step.
+_TOLERANCE = {"rtol": 1e-8, "atol": 1e-8}
+_BARREL = (-0.1, 0.0, 0.0)
+
+
+def _race_solvers(race, solver):
+    """Our solver against one of optimistix's, both within `fit_points`."""
+    ideal, observed = (jnp.asarray(values[0]) for values in material.correspondences(1, POINTS))
+
+    def fitted(**options):
+        return jl.fitting.fit_points(jl.RadialPolynomial(list(_BARREL)), ideal, observed, center=True, **options).values
+
+    theirs = peers.Peer(lambda: jax.block_until_ready(fitted(solver=solver)))
+    expected = theirs.read(theirs.run())
+    found = check("largest difference from their estimates", _distance_from(expected), fitted, None, limit=AGREED)
+    race(fitted, theirs, package="optimistix", checks=[found], moved=ideal.nbytes + observed.nbytes)
+
+
+@pytest.mark.row(
+    "`fit_points`, three coefficients and the centre to 10 000 points, from κ1 = −0.1",
+    against="the same with `solver=optimistix.LevenbergMarquardt(rtol=1e-8, atol=1e-8)`",
+)
+def bench_fit_points_levenberg_marquardt(race):
+    with jax.enable_x64(True):
+        _race_solvers(race, optx.LevenbergMarquardt(**_TOLERANCE))
+
+
+@pytest.mark.row(
+    "`fit_points`, three coefficients and the centre to 10 000 points, from κ1 = −0.1",
+    against="the same with `solver=optimistix.Dogleg(rtol=1e-8, atol=1e-8)`",
+)
+def bench_fit_points_dogleg(race):
+    with jax.enable_x64(True):
+        _race_solvers(race, optx.Dogleg(**_TOLERANCE))
 
 
 @pytest.mark.row(
