@@ -47,6 +47,13 @@ def test_what_the_page_on_extending_says(capsys):
     assert "shift_x" in said  # by its name in the summary
     assert space["inverse"].valid.tolist() == [True, False]  # (0.9, 0) lies beyond the fold, which is seen at 0.86
     assert float(space["fit"].parameters["kappa"]) == pytest.approx(-0.2, abs=1e-4)
+    lens = space["read_calibration"]("lens.json").lens()
+    assert type(lens).__name__ == "Exponential"
+    assert float(lens.a) == pytest.approx(0.3, abs=1e-4)
+    focal_length, error = float(space["minimum"].unknowns.shared[0]), float(space["known"].standard_errors[0])
+    assert abs(focal_length - 500) < 4 * error < 20
+    assert "CONVERGED" in said
+    assert float(space["largest_error"](space["reference"], 0 * space["reference"])) == 11
 
 
 def documented_modules():
