@@ -9,7 +9,7 @@ from jaxtyping import Array, ArrayLike, Float, Real, Shaped
 from jaxlens.frames import Frame
 from jaxlens.lenses import Lens
 from jaxlens.maps import CoordinateMap, Inverted, OneToOne
-from jaxlens.numerics import join
+from jaxlens.numerics import join, split
 from jaxlens.sampling import Border, Method, resample
 
 _STATIC = ("shape", "method", "border", "antialias")
@@ -52,8 +52,13 @@ def warp(
     image = jnp.asarray(image)
     if image.ndim not in (2, 3) or 0 in image.shape:
         raise ValueError(f"an image has shape (H, W) or (H, W, C) and at least one pixel, got {image.shape}")
-    coordinates = source_coordinates(mapping, *image.shape[:2], frame=frame, output_frame=output_frame, shape=shape)
-    return resample(image, coordinates, method=method, border=border, fill=fill, antialias=antialias, computed=True)
+    shape = image.shape[:2] if shape is None else shape
+
+    def sources() -> tuple[Array, Array]:
+        frames = {"frame": frame, "output_frame": output_frame}
+        return split(source_coordinates(mapping, *image.shape[:2], **frames, shape=shape))
+
+    return resample(image, shape, sources, method=method, border=border, fill=fill, antialias=antialias)
 
 
 @partial(jax.jit, static_argnames=_STATIC)

@@ -78,7 +78,7 @@ class BSplineField(CoordinateMap):
         moved = jnp.zeros((), points.dtype)
         for column, across in columns:
             for row, down in rows:
-                both = flat.at[column * height + row].get(mode="promise_in_bounds")
+                both = flat.at[column * height + row].get(mode="promise_in_bounds", wrap_negative_indices=False)
                 moved = moved + (across * down)[..., None] * both
         return points + moved
 
