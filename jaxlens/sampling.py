@@ -6,12 +6,11 @@ from typing import Literal, NamedTuple, get_args
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 from jaxtyping import Array, ArrayLike, Bool, Float, Int, Real, Shaped
 
-from jaxlens.interpolation import KERNELS, weighted_sum
-from jaxlens.memory import always, in_memory
+from jaxlens.interpolation import KERNELS, as_pixels, weighted_sum
+from jaxlens.memory import in_memory
 from jaxlens.numerics import as_points, epsilon, join, split
 from jaxlens.pyramid import Pyramid, build_pyramid, footprint
 
@@ -82,7 +81,8 @@ def interpolate(image: Float[Array, "height width"], points: Float[Array, "*poin
     nudge = 4 * epsilon(points.dtype) * max(image.shape)
     x, y = _placed(*split(points + nudge), _Grid.of(image), "bilinear", "edge")
     places = _indexed(x, y, _Grid.of(image), "bilinear", points.dtype)
-    return _sample(_surrounded(image, jnp.zeros(()), "bilinear", "edge"), None, places, "bilinear")
+    pixels = _surrounded(image, jnp.zeros(()), "bilinear", "edge")
+    return _sample(pixels, None, image.dtype, places=places, method="bilinear")
 
 
 def resample(
@@ -117,7 +117,7 @@ def resample(
     dtype = _working_dtype(image.dtype, x.dtype)
     fill = fill.astype(dtype)
     # What surrounds the image is stored in its dtype; what that cannot hold of the fill value is added where it counts.
-    padding = _cast(jnp.where(jnp.isfinite(fill), fill, 0), image.dtype)
+    padding = as_pixels(jnp.where(jnp.isfinite(fill), fill, 0), image.dtype)
     rest = fill - padding.astype(dtype)
     # With the constant border what is not finite lies in the padding, and need not be told apart.
     nowhere = None if border == "constant" else fill
@@ -136,21 +136,22 @@ def resample(
         sample = partial(_sample, places=_indexed(x, y, _Grid.of(image), method, dtype), method=method)
 
     def with_padding() -> Array:
-        return sample(pixels, nowhere)
+        return sample(pixels, nowhere, image.dtype)
+
+    if border != "constant":
+        return with_padding()
 
     def with_rest() -> Array:
-        inside = sample(covered, None)
-        share = 1 - (inside[..., None] if channels else inside)
+        share = 1 - sample(covered, None, dtype)
+        share = share[..., None] if channels else share
         # One that is not finite (NaN, to mark what is missing) counts where its share is beyond rounding, and has no
         # derivative.
-        regular = jnp.where(jnp.isfinite(rest), rest, 0)
-        missing = jnp.where(jnp.abs(share) > 16 * epsilon(x.dtype), lax.stop_gradient(rest - regular), 0)
-        return with_padding() + share * regular + missing
+        added = jnp.expand_dims(rest, range(share.ndim - rest.ndim))
+        regular = jnp.where(jnp.isfinite(added), added, 0)
+        missing = jnp.where(jnp.abs(share) > 16 * epsilon(x.dtype), lax.stop_gradient(added - regular), 0)
+        return as_pixels(sample(pixels, None, dtype) + share * regular + missing, image.dtype)
 
-    samples = in_memory(lambda: _cast(with_padding(), image.dtype), image)
-    if border != "constant":
-        return samples
-    return lax.cond(_all_zero(lax.stop_gradient(rest)), lambda: samples, lambda: _cast(with_rest(), image.dtype))
+    return lax.cond(_all_zero(lax.stop_gradient(rest)), with_padding, with_rest)
 
 
 def _check(image: Array, shape: tuple[int, ...], method: str, border: str, antialias: bool) -> None:
@@ -213,7 +214,7 @@ def _surrounded(
         one_for_all = padding.size == 1
         pixels = jnp.pad(image, around, constant_values=padding.reshape(()) if one_for_all else 0)
         if not one_for_all:
-            pixels = jnp.where(jnp.pad(jnp.ones(image.shape, bool), around), pixels, padding)
+            pixels = jnp.where(jnp.pad(jnp.ones(image.shape, bool), around), pixels, padding[None, None])
     else:
         mode = {"edge": "edge", "reflect": "symmetric", "wrap": "wrap"}[border]
         pixels = jnp.pad(image, around, mode=mode)
@@ -227,30 +228,30 @@ def _placed(x: Array, y: Array, grid: _Grid, method: str, border: str) -> Planes
     """
     finite = jnp.isfinite(x) & jnp.isfinite(y)
     count = len(KERNELS[method])
-    nowhere = -(count // 2 + 1.0) if border == "constant" else jnp.nan
+    nearest = -(count // 2 + 1.0)
+    nowhere = nearest if border == "constant" else jnp.nan
 
     def along(position: Array, size: int | Array) -> Array:
-        low, high = (nowhere, size - 1 + max(1, count // 2)) if border == "constant" else (0, size - 1)
-        if border in ("reflect", "wrap"):
-            return _first_period(position, size, border)
+        position = _first_period(position, size, border)
+        farthest = size - 1 + max(1, count // 2)
         # Comparisons that leave each end its derivative towards larger coordinates.
-        position = jnp.where(position >= low, position, low)
-        return jnp.where(position < high, position, high)
+        position = jnp.where(position >= nearest, position, nearest)
+        return jnp.where(position < farthest, position, farthest)
 
     x, y = (along(jnp.where(finite, position, 0), size) for position, size in ((x, grid.width), (y, grid.height)))
     return jnp.where(finite, x, nowhere), jnp.where(finite, y, nowhere)
 
 
 def _first_period(position: Array, size: int | Array, border: str) -> Array:
-    """The position within the image, or half a pixel beside it, that shows the same."""
+    """The position within the image, or less than a pixel beside it, that shows the same."""
     if border not in ("reflect", "wrap"):
         return position
-    # One within stays what it is, to the last bit.
-    within = (position >= -0.5) & (position < size - 0.5)
-    period = jnp.mod(position + 0.5, 2 * size if border == "reflect" else size)
-    if border == "reflect":
-        period = jnp.where(period < size, period, 2 * size - period)
-    return jnp.where(within, position, period - 0.5)
+    pixel = jnp.floor(position)
+    fraction = position - pixel
+    if border == "wrap":
+        return jnp.mod(pixel, size) + fraction
+    pixel = jnp.mod(pixel, 2 * size)
+    return jnp.where(pixel < size, pixel + fraction, 2 * size - 1 - pixel - fraction)
 
 
 class _Places(NamedTuple):
@@ -259,7 +260,7 @@ class _Places(NamedTuple):
     Attributes:
         width: Of the image with its border.
         first: The place of the first pixel, left and above; −1 where a position is NaN.
-        x: The fraction along x that the kernel takes.
+        x: The position along x.
         y: Along y.
     """
 
@@ -270,38 +271,35 @@ class _Places(NamedTuple):
 
 
 def _indexed(x: Array, y: Array, grid: _Grid, method: str, dtype) -> _Places:
-    """Finds which pixels the kernel reads, and how far behind them a position lies."""
+    """Finds which pixels the kernel reads for positions that are `_placed`."""
     count = len(KERNELS[method])
-    finite = x == x
-    x, y = jnp.where(finite, x, 0), jnp.where(finite, y, 0)
     column, row = jnp.floor(x), jnp.floor(y)
-    across, down = x - column, y - row
     if method == "nearest":
         # floor(x + 1/2), without its rounding error.
-        column, row = column + (across >= 0.5), row + (down >= 0.5)
+        column, row = column + (x - column >= 0.5), row + (y - row >= 0.5)
     skipped = count - (count - 1) // 2
     column, row = (values.astype(jnp.int32) + skipped for values in (column, row))
     width = grid.width + 2 * count
-    first = jnp.where(finite, grid.offset + row * width + column, -1)
-    return _Places(width, first, across.astype(dtype), down.astype(dtype))
+    first = jnp.where(x == x, grid.offset + row * width + column, -1)
+    return _Places(width, first, x.astype(dtype), y.astype(dtype))
 
 
 def _sample(
-    pixels: Shaped[Array, " size *channels"], fill: Array | None, places: _Places, method: str
-) -> Float[Array, "*points_and_channels"]:
+    pixels: Shaped[Array, " size *channels"], fill: Array | None, dtype, *, places: _Places, method: str
+) -> Shaped[Array, "*points_and_channels"]:
     """Interpolates pixels; points at NaN get `fill`, if there is one."""
     width, first, x, y = places
-    if isinstance(width, jax.Array):
-        samples = weighted_sum(method, (0, 0), None, pixels, first, width, x, y)
-    else:
-        samples = weighted_sum(method, (0, 0), width, pixels, first, jnp.zeros_like(first), x, y)
+    widths, width = (width, None) if isinstance(width, jax.Array) else (None, width)
+    samples = weighted_sum(method, (0, 0), width, dtype, pixels, first, widths, x, y)
     if fill is None:
         return samples
-    return jnp.where(jnp.expand_dims(first >= 0, range(first.ndim, samples.ndim)), samples, fill)
+    somewhere = jnp.expand_dims(first >= 0, range(first.ndim, samples.ndim))
+    fill = as_pixels(jnp.expand_dims(fill, range(samples.ndim - fill.ndim)), dtype)
+    return jnp.where(somewhere, samples, fill)
 
 
 def _sample_footprints(
-    pyramid: Pyramid, fill: Array | None, *, x: Array, y: Array, size: tuple[int, int], method: str, border: str
+    pyramid: Pyramid, fill: Array | None, dtype, *, x: Array, y: Array, size: tuple[int, int], method: str, border: str
 ) -> Float[Array, "height width *channels"]:
     """Averages over footprints: probes along the longer axis, at the pyramid's levels of the shorter one."""
     direction, longer, shorter = footprint(join(x, y))
@@ -310,7 +308,7 @@ def _sample_footprints(
     depth = jnp.clip(jnp.log2(jnp.maximum(shorter, longer / _PROBES)), 0, deepest)
     fine = jnp.floor(depth).astype(jnp.int32)
     coarse = jnp.minimum(fine + 1, deepest)
-    dtype = pyramid.pixels.dtype
+    working = pyramid.pixels.dtype
     tables = [jnp.asarray(table) for table in (pyramid.offsets, pyramid.heights, pyramid.widths)]
 
     def expanded(plane: Array) -> Array:
@@ -320,30 +318,18 @@ def _sample_footprints(
         shrink = jnp.exp2(-level.astype(x.dtype))
         grid = _Grid(*(table[level] for table in tables))
         x, y = _placed((x + 0.5) * shrink - 0.5, (y + 0.5) * shrink - 0.5, grid, method, border)
-        return _sample(pyramid.pixels, fill, _indexed(x, y, grid, method, dtype), method)
+        places = _indexed(x, y, grid, method, working)
+        return _sample(pyramid.pixels, fill, working, places=places, method=method)
 
     def add_probe(total, position):
         # The halvings of an odd size are longer than the image: further periods would drift.
         probe = split(join(x, y) + (position * (longer - shorter))[..., None] * direction)
         across, down = (_first_period(values, length, border) for values, length in zip(probe, size[::-1], strict=True))
-        share = expanded((depth - fine).astype(dtype))
+        share = expanded((depth - fine).astype(working))
         blended = (1 - share) * at_level(fine, across, down) + share * at_level(coarse, across, down)
         return total + blended / _PROBES, None
 
     positions = (jnp.arange(_PROBES, dtype=x.dtype) + 0.5) / _PROBES - 0.5
     plain = at_level(jnp.zeros_like(fine), x, y)
     averaged = lax.scan(add_probe, jnp.zeros_like(plain), positions)[0]
-    return jnp.where(expanded(longer > 1), averaged, plain)
-
-
-def _cast(samples: Array, dtype) -> Array:
-    """Brings samples back to the dtype of the image: integers rounded and saturated."""
-    if jnp.issubdtype(dtype, jnp.floating):
-        return samples.astype(dtype)
-    if dtype == jnp.bool_:
-        return samples >= 0.5
-    low, high = float(jnp.iinfo(dtype).min), float(jnp.iinfo(dtype).max)
-    if high > 2 ** (jnp.finfo(samples.dtype).nmant + 1):
-        # The largest integer is not a float of this dtype; the float below it is the largest that fits.
-        high = float(np.nextafter(np.asarray(high, samples.dtype), np.asarray(0, samples.dtype)))
-    return jnp.clip(jnp.round(samples), low, high).astype(dtype)
+    return as_pixels(jnp.where(expanded(longer > 1), averaged, plain), dtype)
