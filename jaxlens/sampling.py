@@ -20,6 +20,7 @@ Method = Literal["nearest", "bilinear", "bicubic", "bicubic_opencv"]
 Border = Literal["constant", "edge", "reflect", "wrap"]
 """What lies outside the image. In `scipy.ndimage` these are `grid-constant`, `nearest`, `reflect` and `grid-wrap`."""
 
+_PERIODIC = ("reflect", "wrap")
 # Probes along the longer axis of an antialiasing footprint.
 _PROBES = 5
 
@@ -80,7 +81,7 @@ def interpolate(image: Float[Array, "height width"], points: Float[Array, "*poin
     # a position that is whole to different sides. A nudge, as small as rounding itself, brings both to the same.
     nudge = 4 * epsilon(points.dtype) * max(image.shape)
     x, y = _placed(*split(points + nudge), _Grid.of(image), "bilinear", "edge")
-    places = _indexed(x, y, _Grid.of(image), "bilinear", points.dtype)
+    places = _indexed(x, y, _Grid.of(image), "bilinear", "edge", points.dtype)
     pixels = _surrounded(image, jnp.zeros(()), "bilinear", "edge")
     return _sample(pixels, None, image.dtype, places=places, method="bilinear")
 
@@ -133,7 +134,7 @@ def resample(
     if antialias:
         sample = partial(_sample_footprints, x=x, y=y, size=image.shape[:2], method=method, border=border)
     else:
-        sample = partial(_sample, places=_indexed(x, y, _Grid.of(image), method, dtype), method=method)
+        sample = partial(_sample, places=_indexed(x, y, _Grid.of(image), method, border, dtype), method=method)
 
     def with_padding() -> Array:
         return sample(pixels, nowhere, image.dtype)
@@ -215,43 +216,49 @@ def _surrounded(
         pixels = jnp.pad(image, around, constant_values=padding.reshape(()) if one_for_all else 0)
         if not one_for_all:
             pixels = jnp.where(jnp.pad(jnp.ones(image.shape, bool), around), pixels, padding[None, None])
+    elif border == "edge":
+        pixels = jnp.pad(image, around, mode="edge")
     else:
-        mode = {"edge": "edge", "reflect": "symmetric", "wrap": "wrap"}[border]
-        pixels = jnp.pad(image, around, mode=mode)
+        rows, columns = (_periodic(jnp.arange(-count, size + count), size, border)[0] for size in image.shape[:2])
+        pixels = image[rows][:, columns]
     return pixels.reshape(-1, *channels)
 
 
 def _placed(x: Array, y: Array, grid: _Grid, method: str, border: str) -> Planes:
-    """Brings positions to those nearest the image that show the same.
+    """Brings positions to those nearest the image that show the same, unless its border repeats it.
 
     One that is not finite shows the fill value: with the constant border it lies beyond, else it is NaN.
     """
-    finite = jnp.isfinite(x) & jnp.isfinite(y)
     count = len(KERNELS[method])
-    nearest = -(count // 2 + 1.0)
-    nowhere = nearest if border == "constant" else jnp.nan
+    # Beyond these, which are whole, the kernel reads nothing of the image.
+    before = -(count // 2 + 1)
+    beyond_x, beyond_y = (size - 1 + max(1, count // 2) for size in (grid.width, grid.height))
+    somewhere = jnp.isfinite(x) & jnp.isfinite(y)
+    nowhere = jnp.nan
+    # Comparisons that leave each end its derivative towards larger coordinates.
+    if border == "edge":
+        x, y = (jnp.where(p >= before, jnp.where(p < end, p, end), before) for p, end in ((x, beyond_x), (y, beyond_y)))
+    elif border == "constant":
+        first, nowhere = before + int(count > 1), float(before)
+        somewhere = (x >= first) & (x < beyond_x) & (y >= first) & (y < beyond_y)
+    return jnp.where(somewhere, x, nowhere), jnp.where(somewhere, y, nowhere)
 
-    def along(position: Array, size: int | Array) -> Array:
-        position = _first_period(position, size, border)
-        farthest = size - 1 + max(1, count // 2)
-        # Comparisons that leave each end its derivative towards larger coordinates.
-        position = jnp.where(position >= nearest, position, nearest)
-        return jnp.where(position < farthest, position, farthest)
 
-    x, y = (along(jnp.where(finite, position, 0), size) for position, size in ((x, grid.width), (y, grid.height)))
-    return jnp.where(finite, x, nowhere), jnp.where(finite, y, nowhere)
+def _periodic(pixel: Array, size: int | Array, border: str) -> tuple[Array, Bool[Array, "*points"]]:
+    """The pixel that stands at a number outside the image, and whether it belongs to a mirror image."""
+    if border == "wrap":
+        return jnp.mod(pixel, size), jnp.zeros_like(pixel, bool)
+    pixel = jnp.mod(pixel, 2 * size)
+    return jnp.where(pixel < size, pixel, 2 * size - 1 - pixel), pixel >= size
 
 
 def _first_period(position: Array, size: int | Array, border: str) -> Array:
     """The position within the image, or less than a pixel beside it, that shows the same."""
-    if border not in ("reflect", "wrap"):
+    if border not in _PERIODIC:
         return position
     pixel = jnp.floor(position)
-    fraction = position - pixel
-    if border == "wrap":
-        return jnp.mod(pixel, size) + fraction
-    pixel = jnp.mod(pixel, 2 * size)
-    return jnp.where(pixel < size, pixel + fraction, 2 * size - 1 - pixel - fraction)
+    shown, mirrored = _periodic(pixel, size, border)
+    return shown + jnp.where(mirrored, pixel - position, position - pixel)
 
 
 class _Places(NamedTuple):
@@ -270,18 +277,28 @@ class _Places(NamedTuple):
     y: Float[Array, "*points"]
 
 
-def _indexed(x: Array, y: Array, grid: _Grid, method: str, dtype) -> _Places:
+def _indexed(x: Array, y: Array, grid: _Grid, method: str, border: str, dtype) -> _Places:
     """Finds which pixels the kernel reads for positions that are `_placed`."""
     count = len(KERNELS[method])
-    column, row = jnp.floor(x), jnp.floor(y)
-    if method == "nearest":
-        # floor(x + 1/2), without its rounding error.
-        column, row = column + (x - column >= 0.5), row + (y - row >= 0.5)
     skipped = count - (count - 1) // 2
-    column, row = (values.astype(jnp.int32) + skipped for values in (column, row))
+
+    def along(position: Array, size: int | Array) -> tuple[Array, Array]:
+        pixel = jnp.floor(position)
+        fraction = position - pixel
+        if method == "nearest":
+            # floor(x + 1/2), without its rounding error.
+            pixel, fraction = pixel + (fraction >= 0.5), jnp.zeros_like(fraction)
+        if border in _PERIODIC:
+            pixel, mirrored = _periodic(pixel, size, border)
+            # From a mirror image the position is seen from the other side, behind the pixel before.
+            pixel = pixel - (mirrored & (fraction > 0))
+            position = jnp.where(mirrored, -position, position) if border == "reflect" else position
+        return pixel.astype(jnp.int32) + skipped, position.astype(dtype)
+
+    somewhere = x == x
+    (column, x), (row, y) = along(x, grid.width), along(y, grid.height)
     width = grid.width + 2 * count
-    first = jnp.where(x == x, grid.offset + row * width + column, -1)
-    return _Places(width, first, x.astype(dtype), y.astype(dtype))
+    return _Places(width, jnp.where(somewhere, grid.offset + row * width + column, -1), x, y)
 
 
 def _sample(
@@ -300,7 +317,7 @@ def _sample(
 
 def _sample_footprints(
     pyramid: Pyramid, fill: Array | None, dtype, *, x: Array, y: Array, size: tuple[int, int], method: str, border: str
-) -> Float[Array, "height width *channels"]:
+) -> Shaped[Array, "height width *channels"]:
     """Averages over footprints: probes along the longer axis, at the pyramid's levels of the shorter one."""
     direction, longer, shorter = footprint(join(x, y))
     longer, shorter = jnp.maximum(longer, 1), jnp.maximum(shorter, 1)
@@ -314,12 +331,13 @@ def _sample_footprints(
     def expanded(plane: Array) -> Array:
         return jnp.expand_dims(plane, range(2, 1 + pyramid.pixels.ndim))
 
+    def read(x, y, grid):
+        places = _indexed(*_placed(x, y, grid, method, border), grid, method, border, working)
+        return _sample(pyramid.pixels, fill, working, places=places, method=method)
+
     def at_level(level, x, y):
         shrink = jnp.exp2(-level.astype(x.dtype))
-        grid = _Grid(*(table[level] for table in tables))
-        x, y = _placed((x + 0.5) * shrink - 0.5, (y + 0.5) * shrink - 0.5, grid, method, border)
-        places = _indexed(x, y, grid, method, working)
-        return _sample(pyramid.pixels, fill, working, places=places, method=method)
+        return read((x + 0.5) * shrink - 0.5, (y + 0.5) * shrink - 0.5, _Grid(*(table[level] for table in tables)))
 
     def add_probe(total, position):
         # The halvings of an odd size are longer than the image: further periods would drift.
@@ -330,6 +348,6 @@ def _sample_footprints(
         return total + blended / _PROBES, None
 
     positions = (jnp.arange(_PROBES, dtype=x.dtype) + 0.5) / _PROBES - 0.5
-    plain = at_level(jnp.zeros_like(fine), x, y)
+    plain = read(x, y, _Grid(0, *size))
     averaged = lax.scan(add_probe, jnp.zeros_like(plain), positions)[0]
     return as_pixels(jnp.where(expanded(longer > 1), averaged, plain), dtype)
