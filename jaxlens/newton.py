@@ -169,6 +169,7 @@ def solve_points(
     target: Float[Array, "*batch n"],
     start: Float[Array, "*batch n"],
     *,
+    restart: Callable[[Float[Array, "*batch n"]], Float[Array, "*batch n"]] | None = None,
     admissible: Admissible | None = None,
 ) -> tuple[Float[Array, "*batch n"], Bool[Array, "*batch"], Bool[Array, "*batch"]]:
     """Solves `function(x) = target` for each point of a plane or of space by damped Newton iteration.
@@ -181,6 +182,7 @@ def solve_points(
         function: Pointwise and differentiable, orientation preserving at `start`.
         target: Points to reach, finite.
         start: First guesses, admissible.
+        restart: Gives better first guesses, for targets that these leave unsolved.
         admissible: Tells, from points and their Jacobian determinants, where iterates may stand; where the determinant
             is positive by default.
 
@@ -193,16 +195,17 @@ def solve_points(
     dimensions, shape = target.shape[-1], target.shape[:-1]
     count = math.prod(shape)
     if not isinstance(count, int) or count <= _BATCH:  # a size may be a symbol of `jax.export`
-        return _solve_carefully(function, target, start, allowed)
+        return _solve_carefully(function, target, start if restart is None else restart(target), allowed)
     target, start = target.reshape(count, dimensions), start.reshape(count, dimensions)
     x, settled = _solve_quickly(function, target, start, allowed)
 
     def solve(places: Array) -> tuple[Array, Array, Array]:
-        goal, guess = (values.at[places].get(mode="clip") for values in (target, start))
+        goal = target.at[places].get(mode="clip")
+        guess = start.at[places].get(mode="clip") if restart is None else restart(goal)
         return _solve_carefully(function, goal, guess, allowed)
 
-    answers = complete((x, settled, jnp.zeros_like(settled)), ~settled, solve)
-    return tuple(answer.reshape(*shape, *answer.shape[1:]) for answer in answers)
+    x, settled, at_fold = complete((x, settled, jnp.zeros_like(settled)), ~settled, solve)
+    return x.reshape(*shape, dimensions), settled.reshape(shape), at_fold.reshape(shape)
 
 
 def _is_regular(points: Array, determinants: Array) -> Bool[Array, "*batch"]:

@@ -2,17 +2,17 @@
 
 from collections.abc import Callable
 from functools import partial
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, get_args
 
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, ArrayLike, Bool, Float, Int, Real, Shaped
+from jaxtyping import Array, ArrayLike, Bool, Float, Real, Shaped
 
-from jaxlens.interpolation import KERNELS, as_pixels, weighted_sum
+from jaxlens.interpolation import KERNELS, PERIODIC, Grid, as_pixels, interpolated, periodic, surrounded, weighted_sum
 from jaxlens.memory import in_memory
 from jaxlens.numerics import as_points, epsilon, join, split
-from jaxlens.pyramid import Pyramid, build_pyramid, footprint
+from jaxlens.pyramid import build_pyramid, footprint
 
 Method = Literal["nearest", "bilinear", "bicubic", "bicubic_opencv"]
 """`bicubic` is Keys's kernel with a = −0.5 (third order exact), `bicubic_opencv` the same with OpenCV's a = −0.75."""
@@ -20,7 +20,6 @@ Method = Literal["nearest", "bilinear", "bicubic", "bicubic_opencv"]
 Border = Literal["constant", "edge", "reflect", "wrap"]
 """What lies outside the image. In `scipy.ndimage` these are `grid-constant`, `nearest`, `reflect` and `grid-wrap`."""
 
-_PERIODIC = ("reflect", "wrap")
 # Probes along the longer axis of an antialiasing footprint.
 _PROBES = 5
 
@@ -80,10 +79,8 @@ def interpolate(image: Float[Array, "height width"], points: Float[Array, "*poin
     # Where it is differentiated, XLA computes the pixels' indices and their weights in different loops, which may round
     # a position that is whole to different sides. A nudge, as small as rounding itself, brings both to the same.
     nudge = 4 * epsilon(points.dtype) * max(image.shape)
-    x, y = _placed(*split(points + nudge), _Grid.of(image), "bilinear", "edge")
-    places = _indexed(x, y, _Grid.of(image), "bilinear", "edge", points.dtype)
-    pixels = _surrounded(image, jnp.zeros(()), "bilinear", "edge")
-    return _sample(pixels, None, image.dtype, places=places, method="bilinear")
+    x, y = _placed(*split(points + nudge), Grid(0, *image.shape), "bilinear", "edge")
+    return interpolated(image, x, y, jnp.zeros((), image.dtype), kernel="bilinear", border="edge", dtype=image.dtype)
 
 
 def resample(
@@ -112,47 +109,38 @@ def resample(
         x, y = coordinates()
         dtype = jnp.promote_types(x.dtype, jnp.float32)  # half cannot count pixels
         x, y = x.astype(dtype), y.astype(dtype)
-        return (x, y) if antialias else _placed(x, y, _Grid.of(image), method, border)
+        return (x, y) if antialias else _placed(x, y, Grid(0, *image.shape[:2]), method, border)
 
     x, y = in_memory(positions, image)
-    dtype = _working_dtype(image.dtype, x.dtype)
-    fill = fill.astype(dtype)
+    working = _working_dtype(image.dtype, x.dtype)
+    fill = fill.astype(working)
     # What surrounds the image is stored in its dtype; what that cannot hold of the fill value is added where it counts.
     padding = as_pixels(jnp.where(jnp.isfinite(fill), fill, 0), image.dtype)
-    rest = fill - padding.astype(dtype)
-    # With the constant border what is not finite lies in the padding, and need not be told apart.
-    nowhere = None if border == "constant" else fill
+    rest = fill - padding.astype(working)
+    options = {"method": method, "border": border}
 
-    def stored(image: Array, padding: Array) -> Array | Pyramid:
-        def surrounded(level: Array) -> Array:
-            return _surrounded(level, padding, method, border)
-
-        return build_pyramid(image.astype(dtype), surrounded) if antialias else surrounded(image)
-
-    pixels = stored(image, padding)
-    covered = stored(jnp.ones(image.shape[:2], bool), jnp.asarray(False))
-    if antialias:
-        sample = partial(_sample_footprints, x=x, y=y, size=image.shape[:2], method=method, border=border)
-    else:
-        sample = partial(_sample, places=_indexed(x, y, _Grid.of(image), method, border, dtype), method=method)
-
-    def with_padding() -> Array:
-        return sample(pixels, nowhere, image.dtype)
+    def sample(image: Array, padding: Array, dtype) -> Array:
+        if antialias:
+            return _sample_footprints(image, x, y, padding, fill, dtype, **options)
+        samples = interpolated(
+            image, x.astype(working), y.astype(working), padding, kernel=method, border=border, dtype=dtype
+        )
+        return samples if border == "constant" else _with_nowhere(samples, x, fill)
 
     if border != "constant":
-        return with_padding()
+        return sample(image, padding, image.dtype)
 
     def with_rest() -> Array:
-        share = 1 - sample(covered, None, dtype)
+        share = 1 - sample(jnp.ones(image.shape[:2], bool), jnp.asarray(False), working)
         share = share[..., None] if channels else share
         # One that is not finite (NaN, to mark what is missing) counts where its share is beyond rounding, and has no
         # derivative.
         added = jnp.expand_dims(rest, range(share.ndim - rest.ndim))
         regular = jnp.where(jnp.isfinite(added), added, 0)
         missing = jnp.where(jnp.abs(share) > 16 * epsilon(x.dtype), lax.stop_gradient(added - regular), 0)
-        return as_pixels(sample(pixels, None, dtype) + share * regular + missing, image.dtype)
+        return as_pixels(sample(image, padding, working) + share * regular + missing, image.dtype)
 
-    return lax.cond(_all_zero(lax.stop_gradient(rest)), with_padding, with_rest)
+    return lax.cond(_all_zero(lax.stop_gradient(rest)), lambda: sample(image, padding, image.dtype), with_rest)
 
 
 def _check(image: Array, shape: tuple[int, ...], method: str, border: str, antialias: bool) -> None:
@@ -190,41 +178,7 @@ def _all_zero_in_batch(axis_size, in_batched, values):
     return _all_zero(values), False
 
 
-class _Grid(NamedTuple):
-    """An image among pixels that are stored row by row: numbers, or planes that differ from point to point.
-
-    Around it are as many pixels of its border as the kernel has weights.
-    """
-
-    offset: int | Int[Array, "*points"]
-    height: int | Int[Array, "*points"]
-    width: int | Int[Array, "*points"]
-
-    @classmethod
-    def of(cls, image: Array) -> "_Grid":
-        return cls(0, *image.shape[:2])
-
-
-def _surrounded(
-    image: Shaped[Array, "height width *channels"], padding: Array, method: str, border: str
-) -> Shaped[Array, " size *channels"]:
-    """The pixels of an image and of its border around it."""
-    count, channels = len(KERNELS[method]), image.shape[2:]
-    around = [(count, count)] * 2 + [(0, 0)] * len(channels)
-    if border == "constant":
-        one_for_all = padding.size == 1
-        pixels = jnp.pad(image, around, constant_values=padding.reshape(()) if one_for_all else 0)
-        if not one_for_all:
-            pixels = jnp.where(jnp.pad(jnp.ones(image.shape, bool), around), pixels, padding[None, None])
-    elif border == "edge":
-        pixels = jnp.pad(image, around, mode="edge")
-    else:
-        rows, columns = (_periodic(jnp.arange(-count, size + count), size, border)[0] for size in image.shape[:2])
-        pixels = image[rows][:, columns]
-    return pixels.reshape(-1, *channels)
-
-
-def _placed(x: Array, y: Array, grid: _Grid, method: str, border: str) -> Planes:
+def _placed(x: Array, y: Array, grid: Grid, method: str, border: str) -> Planes:
     """Brings positions to those nearest the image that show the same, unless its border repeats it.
 
     One that is not finite shows the fill value: with the constant border it lies beyond, else it is NaN.
@@ -244,110 +198,60 @@ def _placed(x: Array, y: Array, grid: _Grid, method: str, border: str) -> Planes
     return jnp.where(somewhere, x, nowhere), jnp.where(somewhere, y, nowhere)
 
 
-def _periodic(pixel: Array, size: int | Array, border: str) -> tuple[Array, Bool[Array, "*points"]]:
-    """The pixel that stands at a number outside the image, and whether it belongs to a mirror image."""
-    if border == "wrap":
-        return jnp.mod(pixel, size), jnp.zeros_like(pixel, bool)
-    pixel = jnp.mod(pixel, 2 * size)
-    return jnp.where(pixel < size, pixel, 2 * size - 1 - pixel), pixel >= size
-
-
 def _first_period(position: Array, size: int | Array, border: str) -> Array:
     """The position within the image, or less than a pixel beside it, that shows the same."""
-    if border not in _PERIODIC:
+    if border not in PERIODIC:
         return position
     pixel = jnp.floor(position)
-    shown, mirrored = _periodic(pixel, size, border)
+    shown, mirrored = periodic(pixel, size, border)
     return shown + jnp.where(mirrored, pixel - position, position - pixel)
 
 
-class _Places(NamedTuple):
-    """Where each point reads.
-
-    Attributes:
-        width: Of the image with its border.
-        first: The place of the first pixel, left and above; −1 where a position is NaN.
-        x: The position along x.
-        y: Along y.
-    """
-
-    width: int | Int[Array, "*points"]
-    first: Int[Array, "*points"]
-    x: Float[Array, "*points"]
-    y: Float[Array, "*points"]
-
-
-def _indexed(x: Array, y: Array, grid: _Grid, method: str, border: str, dtype) -> _Places:
-    """Finds which pixels the kernel reads for positions that are `_placed`."""
-    count = len(KERNELS[method])
-    skipped = count - (count - 1) // 2
-
-    def along(position: Array, size: int | Array) -> tuple[Array, Array]:
-        pixel = jnp.floor(position)
-        fraction = position - pixel
-        if method == "nearest":
-            # floor(x + 1/2), without its rounding error.
-            pixel, fraction = pixel + (fraction >= 0.5), jnp.zeros_like(fraction)
-        if border in _PERIODIC:
-            pixel, mirrored = _periodic(pixel, size, border)
-            # From a mirror image the position is seen from the other side, behind the pixel before.
-            pixel = pixel - (mirrored & (fraction > 0))
-            position = jnp.where(mirrored, -position, position) if border == "reflect" else position
-        return pixel.astype(jnp.int32) + skipped, position.astype(dtype)
-
-    somewhere = x == x
-    (column, x), (row, y) = along(x, grid.width), along(y, grid.height)
-    width = grid.width + 2 * count
-    return _Places(width, jnp.where(somewhere, grid.offset + row * width + column, -1), x, y)
-
-
-def _sample(
-    pixels: Shaped[Array, " size *channels"], fill: Array | None, dtype, *, places: _Places, method: str
-) -> Shaped[Array, "*points_and_channels"]:
-    """Interpolates pixels; points at NaN get `fill`, if there is one."""
-    width, first, x, y = places
-    widths, width = (width, None) if isinstance(width, jax.Array) else (None, width)
-    samples = weighted_sum(method, (0, 0), width, dtype, pixels, first, widths, x, y)
-    if fill is None:
-        return samples
-    somewhere = jnp.expand_dims(first >= 0, range(first.ndim, samples.ndim))
-    fill = as_pixels(jnp.expand_dims(fill, range(samples.ndim - fill.ndim)), dtype)
-    return jnp.where(somewhere, samples, fill)
+def _with_nowhere(samples: Array, x: Array, fill: Array) -> Array:
+    """The samples, with the fill value where a position is NaN."""
+    somewhere = jnp.expand_dims(x == x, range(x.ndim, samples.ndim))
+    return jnp.where(
+        somewhere, samples, as_pixels(jnp.expand_dims(fill, range(samples.ndim - fill.ndim)), samples.dtype)
+    )
 
 
 def _sample_footprints(
-    pyramid: Pyramid, fill: Array | None, dtype, *, x: Array, y: Array, size: tuple[int, int], method: str, border: str
+    image: Array, x: Array, y: Array, padding: Array, fill: Array, dtype, *, method: str, border: str
 ) -> Shaped[Array, "height width *channels"]:
     """Averages over footprints: probes along the longer axis, at the pyramid's levels of the shorter one."""
+    working = _working_dtype(image.dtype, x.dtype)
+    pyramid = build_pyramid(image.astype(working), lambda level: surrounded(level, padding, method, border))
     direction, longer, shorter = footprint(join(x, y))
     longer, shorter = jnp.maximum(longer, 1), jnp.maximum(shorter, 1)
     deepest = len(pyramid.offsets) - 1
     depth = jnp.clip(jnp.log2(jnp.maximum(shorter, longer / _PROBES)), 0, deepest)
     fine = jnp.floor(depth).astype(jnp.int32)
     coarse = jnp.minimum(fine + 1, deepest)
-    working = pyramid.pixels.dtype
     tables = [jnp.asarray(table) for table in (pyramid.offsets, pyramid.heights, pyramid.widths)]
 
     def expanded(plane: Array) -> Array:
-        return jnp.expand_dims(plane, range(2, 1 + pyramid.pixels.ndim))
+        return jnp.expand_dims(plane, range(2, image.ndim))
 
     def read(x, y, grid):
-        places = _indexed(*_placed(x, y, grid, method, border), grid, method, border, working)
-        return _sample(pyramid.pixels, fill, working, places=places, method=method)
+        x, y = (values.astype(working) for values in _placed(x, y, grid, method, border))
+        samples = weighted_sum(pyramid.pixels, x, y, grid, kernel=method, border=border, dtype=working)
+        return samples if border == "constant" else _with_nowhere(samples, x, fill)
 
     def at_level(level, x, y):
         shrink = jnp.exp2(-level.astype(x.dtype))
-        return read((x + 0.5) * shrink - 0.5, (y + 0.5) * shrink - 0.5, _Grid(*(table[level] for table in tables)))
+        return read((x + 0.5) * shrink - 0.5, (y + 0.5) * shrink - 0.5, Grid(*(table[level] for table in tables)))
 
     def add_probe(total, position):
         # The halvings of an odd size are longer than the image: further periods would drift.
         probe = split(join(x, y) + (position * (longer - shorter))[..., None] * direction)
-        across, down = (_first_period(values, length, border) for values, length in zip(probe, size[::-1], strict=True))
+        across, down = (
+            _first_period(values, length, border) for values, length in zip(probe, image.shape[1::-1], strict=True)
+        )
         share = expanded((depth - fine).astype(working))
         blended = (1 - share) * at_level(fine, across, down) + share * at_level(coarse, across, down)
         return total + blended / _PROBES, None
 
     positions = (jnp.arange(_PROBES, dtype=x.dtype) + 0.5) / _PROBES - 0.5
-    plain = read(x, y, _Grid(0, *size))
+    plain = read(x, y, Grid(0, *image.shape[:2]))
     averaged = lax.scan(add_probe, jnp.zeros_like(plain), positions)[0]
     return as_pixels(jnp.where(expanded(longer > 1), averaged, plain), dtype)

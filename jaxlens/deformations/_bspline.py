@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
 from jaxlens.deformations._arguments import as_rectangle
-from jaxlens.interpolation import KERNELS, weighted_sum
+from jaxlens.interpolation import KERNELS, interpolated
 from jaxlens.maps import CoordinateMap
 from jaxlens.numerics import as_floating, as_points, jitted, join, split
 
@@ -70,13 +70,11 @@ class BSplineField(CoordinateMap):
         """Displaces points `(..., 2)`."""
         x, y = split(as_points(points))
         u, v = self.positions(join(x, y))
-        # At the far borders a position is the first of a cell that there is not, whose last weight is zero.
-        width = self.coefficients.shape[0] + 1
-        first = jnp.floor(v).astype(jnp.int32) * width + jnp.floor(u).astype(jnp.int32)
-        # A plane of each: sums of pairs are not vectorized.
+        # At the far borders a position is the first of a cell that there is not, whose last weight is zero. A plane of
+        # each component: sums of pairs are not vectorized.
         along_x, along_y = (
-            weighted_sum(_KERNEL, (0, 0), width, u.dtype, jnp.pad(plane, (0, 1)).T.ravel(), first, None, u, v)
-            for plane in split(self.coefficients)
+            interpolated(plane, u, v, jnp.zeros((), u.dtype), kernel=_KERNEL, border=None, dtype=u.dtype)
+            for plane in split(jnp.swapaxes(jnp.pad(self.coefficients, ((0, 1), (0, 1), (0, 0))), 0, 1))
         )
         return join(x + along_x, y + along_y)
 
