@@ -15,6 +15,10 @@ KAPPA = (-0.2, 0.05)
 _FOCAL = float(np.hypot(SIZE / 2, SIZE / 2))
 CAMERA_MATRIX = np.array([[_FOCAL, 0, SIZE / 2], [0, _FOCAL, SIZE / 2], [0, 0, 1]])
 DISTORTION = np.array([*KAPPA, 0, 0, 0])
+# OpenCV's lens, in the same frame: k1, k2, p1, p2, k3, and the denominator's k4, k5, k6. One-to-one in the picture.
+BROWN_CONRADY = np.array([-0.2, 0.05, 1e-3, -5e-4, -0.01, 0.02, -0.01, 0.002])
+# Corners move by up to 60 pixels.
+HOMOGRAPHY = np.array([[1.05, 0.03, -20.0], [-0.02, 0.97, 15.0], [4e-5, -3e-5, 1.0]])
 
 
 def picture(channels: int = CHANNELS) -> np.ndarray:

@@ -12,7 +12,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from benchmarks.material import CAMERA_MATRIX, DISTORTION, grid_mesh
+from benchmarks.material import BROWN_CONRADY, CAMERA_MATRIX, DISTORTION, SIZE, grid_mesh
 
 
 @dataclass(frozen=True)
@@ -47,21 +47,26 @@ def opencv_remap(image: np.ndarray, coordinates: np.ndarray, interpolation: str 
     return Peer(lambda: cv2.remap(image, x, y, mode))
 
 
-def opencv_distort_map(size: int) -> Peer | None:
+def _coefficients(count: int | None) -> np.ndarray:
+    """Those of the radial lens, or so many of OpenCV's own."""
+    return DISTORTION if count is None else BROWN_CONRADY[:count]
+
+
+def opencv_distort_map(size: int, count: int | None = None) -> Peer | None:
     """`cv2.initInverseRectificationMap`, OpenCV's only way to distort an image."""
     if (cv2 := load("cv2")) is None:
         return None
     return Peer(
         lambda: cv2.initInverseRectificationMap(
-            CAMERA_MATRIX, DISTORTION, None, CAMERA_MATRIX, (size, size), cv2.CV_32FC1
+            CAMERA_MATRIX, _coefficients(count), None, CAMERA_MATRIX, (size, size), cv2.CV_32FC1
         ),
         read=lambda planes: np.stack(planes, -1),
     )
 
 
-def opencv_distort(image: np.ndarray) -> Peer | None:
+def opencv_distort(image: np.ndarray, count: int | None = None) -> Peer | None:
     """`cv2.initInverseRectificationMap`, then `cv2.remap`."""
-    if (cv2 := load("cv2")) is None or (source := opencv_distort_map(len(image))) is None:
+    if (cv2 := load("cv2")) is None or (source := opencv_distort_map(len(image), count)) is None:
         return None
     return Peer(lambda: cv2.remap(image, *source.run(), cv2.INTER_LINEAR))
 
@@ -73,29 +78,64 @@ def opencv_undistort(image: np.ndarray) -> Peer | None:
     return Peer(lambda: cv2.undistort(image, CAMERA_MATRIX, DISTORTION))
 
 
-def opencv_undistort_by_map(image: np.ndarray) -> Peer | None:
-    """`cv2.initUndistortRectifyMap`, then `cv2.remap`: OpenCV's fastest way."""
+def opencv_undistort_map(count: int | None = None, size: tuple[int, int] = (SIZE, SIZE)) -> Peer | None:
+    """`cv2.initUndistortRectifyMap`."""
     if (cv2 := load("cv2")) is None:
         return None
-    size = image.shape[1::-1]
+    return Peer(
+        lambda: cv2.initUndistortRectifyMap(
+            CAMERA_MATRIX, _coefficients(count), None, CAMERA_MATRIX, size, cv2.CV_32FC1
+        ),
+        read=lambda planes: np.stack(planes, -1),
+    )
 
-    def run() -> np.ndarray:
-        x, y = cv2.initUndistortRectifyMap(CAMERA_MATRIX, DISTORTION, None, CAMERA_MATRIX, size, cv2.CV_32FC1)
-        return cv2.remap(image, x, y, cv2.INTER_LINEAR)
+
+def opencv_undistort_by_map(image: np.ndarray, count: int | None = None) -> Peer | None:
+    """`cv2.initUndistortRectifyMap`, then `cv2.remap`: OpenCV's fastest way."""
+    if (cv2 := load("cv2")) is None or (source := opencv_undistort_map(count, image.shape[1::-1])) is None:
+        return None
+    return Peer(lambda: cv2.remap(image, *source.run(), cv2.INTER_LINEAR))
+
+
+def opencv_undistort_loop(images: np.ndarray, kappas: np.ndarray) -> Peer | None:
+    """`cv2.initUndistortRectifyMap` and `cv2.remap`, one picture with its own lens after another."""
+    if (cv2 := load("cv2")) is None:
+        return None
+    height, width = images.shape[1:3]
+    focal = float(np.hypot(height / 2, width / 2))
+    matrix = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
+
+    def run() -> list[np.ndarray]:
+        maps = (
+            cv2.initUndistortRectifyMap(matrix, np.array([*k, 0, 0]), None, matrix, (width, height), cv2.CV_32FC1)
+            for k in kappas
+        )
+        return [cv2.remap(image, *planes, cv2.INTER_LINEAR) for image, planes in zip(images, maps, strict=True)]
 
     return Peer(run)
 
 
-def opencv_undistort_points(points: np.ndarray, tolerance: float | None = None) -> Peer | None:
+def opencv_warp_perspective(image: np.ndarray, matrix: np.ndarray) -> Peer | None:
+    """`cv2.warpPerspective` by the map from output to source."""
+    if (cv2 := load("cv2")) is None:
+        return None
+    return Peer(
+        lambda: cv2.warpPerspective(image, matrix, image.shape[1::-1], flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
+    )
+
+
+def opencv_undistort_points(
+    points: np.ndarray, tolerance: float | None = None, count: int | None = None
+) -> Peer | None:
     """`cv2.undistortPoints`: at its default of five fixed-point steps, or iterated until it moves less than this."""
     if (cv2 := load("cv2")) is None:
         return None
-    points, identity = points[:, None], np.eye(3)
+    points, identity, coefficients = points[:, None], np.eye(3), _coefficients(count)
     if tolerance is None:
-        run = lambda: cv2.undistortPoints(points, identity, DISTORTION)  # noqa: E731
+        run = lambda: cv2.undistortPoints(points, identity, coefficients)  # noqa: E731
     else:
         criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 1000, tolerance)
-        run = lambda: cv2.undistortPoints(points, identity, DISTORTION, criteria=criteria)  # noqa: E731
+        run = lambda: cv2.undistortPoints(points, identity, coefficients, criteria=criteria)  # noqa: E731
     return Peer(run, read=lambda found: found[:, 0])
 
 

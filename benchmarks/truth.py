@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from benchmarks.material import CAMERA_MATRIX, KAPPA, SIZE
+from benchmarks.material import BROWN_CONRADY, CAMERA_MATRIX, HOMOGRAPHY, KAPPA, SIZE
 
 _NEWTON_STEPS = 50
 # Pixels from the edge within which contenders may differ, as they treat what lies outside in their own ways.
@@ -25,6 +25,28 @@ def undistorted_from() -> np.ndarray:
     """Returns `(SIZE, SIZE, 2)`: where each pixel of an undistorted picture comes from, the lens itself."""
     ideal = _normalized_grid()
     return _pixels(ideal * _factor(np.sum(ideal * ideal, -1))[..., None])
+
+
+def brown_conrady(pixels: np.ndarray, count: int) -> np.ndarray:
+    """Returns where OpenCV's lens of so many coefficients takes ideal pixels `(…, 2)`."""
+    k1, k2, p1, p2, k3, k4, k5, k6 = np.pad(BROWN_CONRADY[:count], (0, 8 - count))
+    x, y = np.moveaxis((pixels - CAMERA_MATRIX[:2, 2]) / CAMERA_MATRIX[0, 0], -1, 0)
+    s = x * x + y * y
+    factor = (1 + s * (k1 + s * (k2 + s * k3))) / (1 + s * (k4 + s * (k5 + s * k6)))
+    across = x * factor + 2 * p1 * x * y + p2 * (s + 2 * x * x)
+    return _pixels(np.stack([across, y * factor + p1 * (s + 2 * y * y) + 2 * p2 * x * y], -1))
+
+
+def homography(pixels: np.ndarray) -> np.ndarray:
+    """Returns where the homography takes pixels `(…, 2)`."""
+    image = np.concatenate([pixels, np.ones((*pixels.shape[:-1], 1))], -1) @ HOMOGRAPHY.T
+    return image[..., :2] / image[..., 2:]
+
+
+def pixel_grid() -> np.ndarray:
+    """Returns `(SIZE, SIZE, 2)`: the coordinates of every pixel, (x, y) order."""
+    y, x = np.mgrid[:SIZE, :SIZE].astype(np.float64)
+    return np.stack([x, y], -1)
 
 
 def interior(coordinates: np.ndarray) -> np.ndarray:
@@ -64,8 +86,7 @@ def _factor(squared: np.ndarray) -> np.ndarray:
 
 
 def _normalized_grid() -> np.ndarray:
-    y, x = np.mgrid[:SIZE, :SIZE].astype(np.float64)
-    return (np.stack([x, y], -1) - CAMERA_MATRIX[:2, 2]) / CAMERA_MATRIX[0, 0]
+    return (pixel_grid() - CAMERA_MATRIX[:2, 2]) / CAMERA_MATRIX[0, 0]
 
 
 def _pixels(points: np.ndarray) -> np.ndarray:

@@ -57,3 +57,17 @@ def _dealt(leaf: jax.Array, hands: int) -> jax.Array:
 def _collected(leaf: jax.Array) -> jax.Array:
     """Undoes `_dealt`."""
     return jnp.swapaxes(leaf, 0, 1).reshape(-1, *leaf.shape[2:])
+
+
+def in_turns_if_large(function: Callable[[Any], Any], batch: Any, elements: int) -> Any:
+    """Applies a function to each member of a batch, as `in_turns` does, where it is to be transposed.
+
+    With several devices all members take part at once.
+
+    Args:
+        function: Of one member.
+        batch: A pytree of arrays with a leading axis.
+        elements: How large a member's problem is.
+    """
+    large = not isinstance(elements, int) or elements >= _LARGE
+    return lax.map(function, batch) if large and jax.device_count() == 1 else jax.vmap(function)(batch)

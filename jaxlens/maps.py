@@ -78,6 +78,13 @@ class CoordinateMap(eqx.Module):
         """Whether points lie where the map is one-to-one; here: where it keeps orientation."""
         return self.jacobian_determinant(points) > 0
 
+    def surely_one_to_one(self, points: Float[Array, "*batch 2"]) -> Bool[Array, "*batch"] | None:
+        """Whether points lie in a convex set where the map is known to be one-to-one; None where none is known.
+
+        What surely holds for the corners of a picture holds for all of its pixels: one need not look at each.
+        """
+        return None
+
     def adjustable(self) -> PyTree:
         """Returns which of the map's numbers a fit adjusts unless told otherwise: its structure, True for each array.
 

@@ -5,6 +5,7 @@ them converged; `implicit_root` then gives their result the derivatives that the
 unrolled through, and because the rule calls itself, derivatives of every order follow, forward and reverse.
 """
 
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -12,8 +13,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Bool, Float
+from jax.core import max_dim, min_dim
+from jaxtyping import Array, Bool, Float, Int
 
+from jaxlens.memory import in_memory
 from jaxlens.numerics import epsilon
 
 # Steps taken in registers, unguarded, before anything is written to memory. From the starts used here they reach the
@@ -24,11 +27,15 @@ _FUSED_STEPS = {2: 4, 4: 6, 8: 7}  # by bytes of the dtype
 _ROOT_ULPS = 8.0
 _ROUNDING_ULPS = 256.0
 _MAXIMUM_STEPS = 200
-# Elements that the second chance takes at a time.
+# Elements, and points, that the second chance takes at a time.
 _CHUNK = 8192
+_BATCH = 1 << 14
+# Whole steps that all points take together before those that are left go on with every safeguard.
+_QUICK_STEPS = 8
 
 ScalarFunction = Callable[[Float[Array, "*batch"]], Float[Array, "*batch"]]
 PointFunction = Callable[[Float[Array, "*batch n"]], Float[Array, "*batch n"]]
+Admissible = Callable[[Float[Array, "*batch n"], Float[Array, "*batch"]], Bool[Array, "*batch"]]
 ValueAndSlope = Callable[[Float[Array, "*batch"]], tuple[Float[Array, "*batch"], Float[Array, "*batch"]]]
 
 
@@ -72,7 +79,7 @@ def solve_increasing(
     # The second chance works on a chunk at a time, within the cache and in place: where nothing is left to do it
     # costs nothing, not even memory, and otherwise only the chunks with unfinished elements iterate.
     count = target.size
-    size = min(_CHUNK, count)
+    size = min_dim(_CHUNK, count)
 
     def refine(state):
         chunk, x = state
@@ -82,7 +89,7 @@ def solve_increasing(
         solved = solve_bracketed(function, goal, guess, jnp.zeros_like(upper), upper)
         return chunk + 1, lax.dynamic_update_slice(x, solved, (begin,))
 
-    chunks = jnp.where(jnp.all(found(x, target)), 0, -(-count // max(size, 1)))
+    chunks = jnp.where(jnp.all(found(x, target)), 0, -(-count // max_dim(size, 1)))
     _, x = lax.while_loop(lambda state: state[0] < chunks, refine, (jnp.zeros_like(chunks), x))
     return x.reshape(shape)
 
@@ -162,7 +169,8 @@ def solve_points(
     target: Float[Array, "*batch n"],
     start: Float[Array, "*batch n"],
     *,
-    admissible: Callable[[Float[Array, "*batch n"], Float[Array, "*batch"]], Bool[Array, "*batch"]] | None = None,
+    restart: Callable[[Float[Array, "*batch n"]], Float[Array, "*batch n"]] | None = None,
+    admissible: Admissible | None = None,
 ) -> tuple[Float[Array, "*batch n"], Bool[Array, "*batch"], Bool[Array, "*batch"]]:
     """Solves `function(x) = target` for each point of a plane or of space by damped Newton iteration.
 
@@ -174,6 +182,7 @@ def solve_points(
         function: Pointwise and differentiable, orientation preserving at `start`.
         target: Points to reach, finite.
         start: First guesses, admissible.
+        restart: Gives better first guesses, for targets that these leave unsolved.
         admissible: Tells, from points and their Jacobian determinants, where iterates may stand; where the determinant
             is positive by default.
 
@@ -182,11 +191,119 @@ def solve_points(
         short of that, before a fold: a whole step would leave where the map is admissible.
     """
     target, start = lax.stop_gradient((target, start))
-    tolerance = _ROOT_ULPS * epsilon(target.dtype)
-    allowed = (lambda x, size: size > 0) if admissible is None else admissible
+    allowed = _is_regular if admissible is None else admissible
+    dimensions, shape = target.shape[-1], target.shape[:-1]
+    count = math.prod(shape)
+    if not isinstance(count, int) or count <= _BATCH:  # a size may be a symbol of `jax.export`
+        return _solve_carefully(function, target, start if restart is None else restart(target), allowed)
+    target, start = target.reshape(count, dimensions), start.reshape(count, dimensions)
+    x, settled = _solve_quickly(function, target, start, allowed)
 
-    def rounding(x):
-        return tolerance * (jnp.maximum(_size(target), _size(x)) + epsilon(target.dtype))
+    def solve(places: Array) -> tuple[Array, Array, Array]:
+        goal = target.at[places].get(mode="clip")
+        guess = start.at[places].get(mode="clip") if restart is None else restart(goal)
+        return _solve_carefully(function, goal, guess, allowed)
+
+    x, settled, at_fold = complete((x, settled, jnp.zeros_like(settled)), ~settled, solve)
+    return x.reshape(*shape, dimensions), settled.reshape(shape), at_fold.reshape(shape)
+
+
+def _is_regular(points: Array, determinants: Array) -> Bool[Array, "*batch"]:
+    return determinants > 0
+
+
+def complete(
+    answers: tuple[Array, ...], left: Bool[Array, " count"], solve: Callable[[Array], tuple[Array, ...]]
+) -> tuple[Array, ...]:
+    """Replaces the answers that are left to be found, a batch of them at a time; where none is, that costs nothing.
+
+    Args:
+        answers: Arrays whose first axis is that of the problems.
+        left: Which of them are to be replaced.
+        solve: Takes the places of some of the problems, one past the end where there are no more, to their answers.
+    """
+    count = left.shape[0]
+    batch = min_dim(_BATCH, count)
+
+    def refine(state):
+        places = _first_places(jnp.cumsum(state[-1]), jnp.arange(1, batch + 1))
+        found = (*solve(places), jnp.zeros(batch, bool))
+        return tuple(values.at[places].set(better, mode="drop") for values, better in zip(state, found, strict=True))
+
+    return lax.while_loop(lambda state: jnp.any(state[-1]), refine, (*answers, left))[:-1]
+
+
+def _first_places(counts: Int[Array, " size"], ranks: Int[Array, " batch"]) -> Int[Array, " batch"]:
+    """The first place at which rising counts reach each rank, or their end.
+
+    Is `jnp.searchsorted`, which cannot do with a size that is a symbol of `jax.export`.
+    """
+
+    def halve(bracket):
+        low, high = bracket
+        middle = low + (high - low) // 2
+        before = (low < high) & (counts[middle] < ranks)
+        return jnp.where(before, middle + 1, low), jnp.where(before, high, middle)
+
+    bracket = jnp.zeros_like(ranks), jnp.full_like(ranks, counts.size)
+    return lax.while_loop(lambda bracket: jnp.any(bracket[0] < bracket[1]), halve, bracket)[0]
+
+
+def _solve_quickly(
+    function: PointFunction, target: Float[Array, "count n"], start: Float[Array, "count n"], allowed: Admissible
+) -> tuple[Float[Array, "count n"], Bool[Array, " count"]]:
+    """Takes the whole steps of `_solve_carefully` for all points at once, as long as each is one that it would take.
+
+    On planes: arithmetic on them is vectorized. Returns the iterates, and which of them have converged.
+    """
+    goal = _planes(target)
+
+    def unfinished(state):
+        steps, *_, good, settled = state
+        return (steps < _QUICK_STEPS) & jnp.any(good & ~settled)
+
+    def body(state):
+        steps, x, before, good, settled = state
+        value, columns = in_memory(lambda: _linearized(function, x), target)
+        residual = [v - g for v, g in zip(value, goal, strict=True)]
+        jacobian = jnp.stack([jnp.stack(column, axis=-1) for column in columns], axis=-1)
+        points, left = jnp.stack(x, axis=-1), jnp.stack(residual, axis=-1)
+        size = _size(left)
+        good = good & (settled | (size < before) & allowed(points, determinant(jacobian)))
+        settled = settled | good & (size <= _rounding(target, points))
+        moves = good & ~settled
+        step = _planes(solve_small(jacobian, left))
+        x = tuple(jnp.where(moves, old - change, old) for old, change in zip(x, step, strict=True))
+        return steps + 1, x, size, good, settled
+
+    everywhere = jnp.ones(target.shape[0], bool)
+    state = (0, _planes(start), jnp.full(target.shape[0], jnp.inf, target.dtype), everywhere, ~everywhere)
+    _, x, _, _, settled = lax.while_loop(unfinished, body, state)
+    return jnp.stack(x, axis=-1), settled
+
+
+def _planes(points: Float[Array, "*batch n"]) -> tuple[Float[Array, "*batch"], ...]:
+    return tuple(points[..., k] for k in range(points.shape[-1]))
+
+
+def _linearized(function: PointFunction, x: tuple[Array, ...]) -> tuple[tuple[Array, ...], list[tuple[Array, ...]]]:
+    """The value and the columns of the Jacobian, plane by plane."""
+    value, jacobian = value_and_jacobian(function, jnp.stack(x, axis=-1))
+    return _planes(value), [_planes(jacobian[..., k]) for k in range(len(x))]
+
+
+def _rounding(target: Float[Array, "*batch n"], x: Float[Array, "*batch n"]) -> Float[Array, "*batch"]:
+    """The residual at which an iteration has converged."""
+    unit = epsilon(target.dtype)
+    return _ROOT_ULPS * unit * (jnp.maximum(_size(target), _size(x)) + unit)
+
+
+def _solve_carefully(
+    function: PointFunction, target: Float[Array, "*batch n"], start: Float[Array, "*batch n"], allowed: Admissible
+) -> tuple[Float[Array, "*batch n"], Bool[Array, "*batch"], Bool[Array, "*batch"]]:
+    """Is `solve_points`, for all points with every safeguard."""
+    tolerance = _ROOT_ULPS * epsilon(target.dtype)
+    rounding = partial(_rounding, target)
 
     def standstill(x):
         # Nearer than this to a fold the residual does not tell places apart: it is quadratic there.

@@ -1,5 +1,6 @@
 """Image pyramids and pixel footprints, for sampling where a map shrinks the image."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -14,32 +15,38 @@ class Pyramid(NamedTuple):
     """An image and its halvings, one after another in memory, so that each point can read at a level of its own.
 
     Attributes:
-        pixels: `(N, C)`, the levels' pixels row by row, the finest first.
-        offsets: Where each level starts in `pixels`.
-        heights: The height of each level.
-        widths: The width of each level.
+        pixels: The levels' pixels row by row, the finest first.
+        offsets: Where each level, with what surrounds it, starts in `pixels`.
+        heights: The height of each level alone.
+        widths: The width of each level alone.
     """
 
-    pixels: Float[Array, "pixels channels"]
+    pixels: Float[Array, " size *channels"]
     offsets: Int[np.ndarray, " levels"]
     heights: Int[np.ndarray, " levels"]
     widths: Int[np.ndarray, " levels"]
 
 
-def build_pyramid(image: Float[Array, "height width channels"]) -> Pyramid:
-    """Halves an image by 2×2 means until one of its sides is a pixel long; odd sides repeat their last line."""
+def build_pyramid(image: Float[Array, "height width *channels"], surrounded: Callable[[Array], Array]) -> Pyramid:
+    """Halves an image by 2×2 means until one of its sides is a pixel long; odd sides repeat their last line.
+
+    Args:
+        image: The image.
+        surrounded: Gives the pixels of a level, row by row, with what shall surround it.
+    """
     levels = [image]
     while min(levels[-1].shape[:2]) > 1:
         levels.append(halved(levels[-1]))
-    heights = np.array([level.shape[0] for level in levels], np.int32)
-    widths = np.array([level.shape[1] for level in levels], np.int32)
-    offsets = np.concatenate([[0], np.cumsum(heights * widths)[:-1]]).astype(np.int32)
-    return Pyramid(jnp.concatenate([level.reshape(-1, image.shape[-1]) for level in levels]), offsets, heights, widths)
+    pixels = [surrounded(level) for level in levels]
+    offsets = np.cumsum([0, *(len(level) for level in pixels[:-1])], dtype=np.int32)
+    heights, widths = np.array([level.shape[:2] for level in levels], np.int32).T
+    return Pyramid(jnp.concatenate(pixels), offsets, heights, widths)
 
 
-def halved(image: Float[Array, "height width channels"]) -> Float[Array, "half_height half_width channels"]:
+def halved(image: Float[Array, "height width *channels"]) -> Float[Array, "half_height half_width *channels"]:
     """Returns the image of 2×2 means; an odd side repeats its last line."""
-    padded = jnp.pad(image, ((0, image.shape[0] % 2), (0, image.shape[1] % 2), (0, 0)), mode="edge")
+    odd = [(0, size % 2) for size in image.shape[:2]] + [(0, 0)] * (image.ndim - 2)
+    padded = jnp.pad(image, odd, mode="edge")
     return 0.25 * (padded[::2, ::2] + padded[1::2, ::2] + padded[::2, 1::2] + padded[1::2, 1::2])
 
 

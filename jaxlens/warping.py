@@ -4,12 +4,13 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, ArrayLike, Float, Real, Shaped
 
 from jaxlens.frames import Frame
 from jaxlens.lenses import Lens
 from jaxlens.maps import CoordinateMap, Inverted, OneToOne
-from jaxlens.numerics import join
+from jaxlens.numerics import join, split
 from jaxlens.sampling import Border, Method, resample
 
 _STATIC = ("shape", "method", "border", "antialias")
@@ -52,8 +53,13 @@ def warp(
     image = jnp.asarray(image)
     if image.ndim not in (2, 3) or 0 in image.shape:
         raise ValueError(f"an image has shape (H, W) or (H, W, C) and at least one pixel, got {image.shape}")
-    coordinates = source_coordinates(mapping, *image.shape[:2], frame=frame, output_frame=output_frame, shape=shape)
-    return resample(image, coordinates, method=method, border=border, fill=fill, antialias=antialias, computed=True)
+    height, width = image.shape[:2]
+    size = (height, width) if shape is None else shape
+
+    def sources() -> tuple[Array, Array]:
+        return _source_planes(mapping, height, width, frame, output_frame, size)
+
+    return resample(image, size, sources, method=method, border=border, fill=fill, antialias=antialias)
 
 
 @partial(jax.jit, static_argnames=_STATIC)
@@ -180,10 +186,35 @@ def source_coordinates(
     shape: tuple[int, int] | None = None,
 ) -> Float[Array, "new_height new_width 2"]:
     """Sends every output pixel to its source, in pixels; args as in `distortion_map`, for any map."""
-    frame = frame_for(mapping, height, width) if frame is None else frame
-    output_frame = frame if output_frame is None else output_frame
-    grid = pixel_grid(*((height, width) if shape is None else shape), output_frame.scale.dtype)
-    return frame.denormalize(mapping(output_frame.normalize(grid)))
+    return join(
+        *_source_planes(mapping, height, width, frame, output_frame, (height, width) if shape is None else shape)
+    )
+
+
+def _source_planes(
+    mapping: CoordinateMap,
+    height: int,
+    width: int,
+    frame: Frame | None,
+    output_frame: Frame | None,
+    shape: tuple[int, int],
+) -> tuple[Float[Array, "new_height new_width"], Float[Array, "new_height new_width"]]:
+    """The x and y of `source_coordinates`."""
+    source = frame_for(mapping, height, width) if frame is None else frame
+    output = source if output_frame is None else output_frame
+
+    def sources(mapping: CoordinateMap) -> tuple[Array, Array]:
+        return split(source.denormalize(mapping(output.normalize(pixel_grid(*shape, output.scale.dtype)))))
+
+    if not isinstance(mapping, OneToOne):
+        return sources(mapping)
+    right, bottom = shape[1] - 1, shape[0] - 1
+    pixels = [[0, 0], [right, 0], [0, bottom], [right, bottom]]
+    corners = jnp.stack([join(*(jnp.asarray(value, output.scale.dtype) for value in pixel)) for pixel in pixels])
+    sure = mapping.mapping.surely_one_to_one(output.normalize(corners))
+    if sure is None:
+        return sources(mapping)
+    return lax.cond(jnp.all(sure), lambda: sources(mapping.mapping), lambda: sources(mapping))
 
 
 def pixel_grid(height: int, width: int, dtype: jax.typing.DTypeLike) -> Float[Array, "height width 2"]:

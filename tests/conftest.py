@@ -30,6 +30,13 @@ def _strict_rank_promotion():
         yield
 
 
+@pytest.fixture(autouse=True, scope="module")
+def _forget_compiled_code():
+    """Keeps a process from growing: the code that one module compiled is seldom of use to the next."""
+    yield
+    jax.clear_caches()
+
+
 @pytest.fixture
 def x64():
     """Runs a test in double precision."""

@@ -120,7 +120,7 @@ print(*[name for name in before if jax.config.values[name] != before[name]])
 # The packages and modules directly below `jaxlens`, from the top of the design's list down; those of a row are peers,
 # and may see each other.
 LAYERS = (
-    ("numerics", "newton", "polynomials", "linear", "batching"),
+    ("numerics", "memory", "batching", "newton", "polynomials", "linear", "interpolation"),
     ("frames", "maps"),
     ("lenses",),
     ("deformations",),

@@ -5,7 +5,12 @@ import pytest
 
 from jaxlens import pyramid
 
-build_pyramid, footprint = jax.jit(pyramid.build_pyramid), jax.jit(pyramid.footprint)
+footprint = jax.jit(pyramid.footprint)
+
+
+@jax.jit
+def build_pyramid(image):
+    return pyramid.build_pyramid(image, lambda level: level.reshape(-1, level.shape[-1]))
 
 
 def levels_of(built):

@@ -21,7 +21,7 @@ from jaxlens.newton import implicit_point_root, solve_points
 from jaxlens.numerics import epsilon
 
 # Control points up to which sums are written out: several times faster, but long to compile for many.
-_UNROLLED = 16
+_UNROLLED = 36
 # Rounding, in units in the last place, that may part a point of the border from what it is mapped to.
 _BORDER_ULPS = 64.0
 # Points along each axis from which an inverse may start, by the number of axes.
@@ -72,25 +72,27 @@ class Cube(eqx.Module):
 
 def preimages(
     cube: Cube, target: Float[Array, "*batch dimensions"]
-) -> tuple[Float[Array, "*batch dimensions"], Bool[Array, "*batch"]]:
-    """Returns the points of the cube that go to `target`, and whether there are such.
+) -> tuple[Float[Array, "*batch dimensions"], Bool[Array, "*batch"], Bool[Array, "*batch"]]:
+    """Returns the points of the cube that go to `target`, whether there are such, and whether the solver gave up.
 
-    Newton's iteration for the extended deformation, from the targets themselves or, if that is nearer, from one of the
-    points of a grid; then a root outside the cube is
-    brought back to its border, where it counts if it is a root still. How far outside it may be depends on how steep
-    the map is: the residual does not.
+    Newton's iteration for the extended deformation, from the targets themselves; those that this leaves start again,
+    from one of the points of a grid if that is nearer. Then a root outside the cube is brought back to its border,
+    where it counts if it is a root still. How far outside it may be depends on how steep the map is:
+    the residual does not.
 
     Args:
         cube: The deformation.
         target: Finite points.
     """
     fixed, goal = lax.stop_gradient((cube, target))
-    root, converged, _ = solve_points(fixed.extended, goal, _first_guess(fixed, goal))
+    near = jnp.clip(goal, 0, 1)
+    root, converged, at_fold = solve_points(fixed.extended, goal, near, restart=lambda goal: _first_guess(fixed, goal))
     root = jnp.clip(root, 0, 1)
     miss = jnp.max(jnp.abs(fixed.moved(root) - goal), axis=-1)
     rounding = _BORDER_ULPS * epsilon(goal.dtype) * jnp.maximum(1, jnp.max(jnp.abs(goal), axis=-1))
     found = converged & (miss <= rounding)
-    return jnp.where(found[..., None], implicit_point_root(_residual, root, (cube, target)), root), found
+    solution = jnp.where(found[..., None], implicit_point_root(_residual, root, (cube, target)), root)
+    return solution, found, ~converged & ~at_fold
 
 
 def _first_guess(cube: Cube, target: Float[Array, "*batch dimensions"]) -> Float[Array, "*batch dimensions"]:

@@ -8,6 +8,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from jaxlens.deformations._arguments import as_correspondences
 from jaxlens.deformations._bspline import BSplineField, energy_terms
+from jaxlens.interpolation import kernel_weights
 from jaxlens.linear import solve_definite
 from jaxlens.numerics import epsilon, is_concrete, split
 
@@ -85,10 +86,14 @@ def _fit(field: BSplineField, source: Array, target: Array, weights: Array, pena
     used = weights > 0
     weights = jnp.where(used, weights, 0) / jnp.sum(weights)
     source, target = jnp.where(used[:, None], source, 0), jnp.where(used[:, None], target, 0)
-    columns, rows = field.taps(source)
     count = field.coefficients.shape[1]
-    index = jnp.stack([column * count + row for column, _ in columns for row, _ in rows], axis=-1)
-    basis = jnp.stack([across * down for _, across in columns for _, down in rows], axis=-1)
+    # At the far borders a position is the last of a cell.
+    positions = list(zip(field.positions(source), field.cells, strict=True))
+    column, row = (jnp.minimum(jnp.floor(p).astype(jnp.int32), cells - 1) for p, cells in positions)
+    across, down = (kernel_weights("cubic_b_spline", 0, p - jnp.minimum(jnp.floor(p), n - 1)) for p, n in positions)
+    taps = range(4)
+    index = jnp.stack([(column + i) * count + row + j for i in taps for j in taps], axis=-1)
+    basis = jnp.stack([across[i] * down[j] for i in taps for j in taps], axis=-1)
 
     size = field.coefficients.shape[0] * count
     data = jnp.zeros((size, size), dtype)

@@ -126,14 +126,14 @@ class FreeForm(CoordinateMap):
         finite = jnp.all(jnp.isfinite(points), axis=-1)
         points = jnp.where(finite[..., None], points, 0)
         target = self._local(points)
-        local, found = preimages(self._cube(), target)
+        local, found, gave_up = preimages(self._cube(), target)
         unmoved = ~found & ~self.contains(points)
         # As a displacement of the target, so that what does not move comes back to the last bit.
         x, y = split(points)
         along_x, along_y = split(jnp.where(unmoved[..., None], 0, local - target))
         width, height = self.upper - self.lower
         valid = found | unmoved
-        status = inverse_status(finite, valid, valid)
+        status = inverse_status(finite, valid | gave_up, valid)
         return Inverse(join(x + along_x * width, y + along_y * height), status == InverseStatus.CONVERGED, status)
 
     def adjustable(self) -> PyTree:

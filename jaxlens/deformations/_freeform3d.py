@@ -144,10 +144,11 @@ class FreeForm3D(eqx.Module):
         finite = jnp.all(jnp.isfinite(points), axis=-1)
         points = jnp.where(finite[..., None], points, 0)
         target = self._local(points)
-        local, found = preimages(self._cube(), target)
+        local, found, gave_up = preimages(self._cube(), target)
         unmoved = ~found & ~self.contains(points)
         points = points + self._from_local(jnp.where(unmoved[..., None], 0, local - target))
-        status = inverse_status(finite, found | unmoved, found | unmoved)
+        valid = found | unmoved
+        status = inverse_status(finite, valid | gave_up, valid)
         return Inverse3D(points, status == InverseStatus.CONVERGED, status)
 
     def frozen(self, continuity: int, *, sides: Sequence[Face] = _FACES) -> Bool[np.ndarray, "l m n"]:

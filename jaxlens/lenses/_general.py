@@ -5,21 +5,18 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jax.core import min_dim
-from jaxtyping import Array, Bool, Float, Int, Int8
+from jaxtyping import Array, Bool, Float, Int8
 
 from jaxlens.batching import in_turns
 from jaxlens.lenses._region import PlaneMap, Region, find_region
 from jaxlens.maps import InverseStatus
-from jaxlens.newton import derivatives, determinant, solve_points, value_and_jacobian
+from jaxlens.newton import complete, derivatives, determinant, solve_points, value_and_jacobian
 from jaxlens.numerics import epsilon, join, split
 
 # Steps taken in registers, unguarded; what they leave unfinished is solved again with every safeguard.
 _FUSED_STEPS = {4: 5, 8: 6}  # by bytes of the dtype
 # In units in the last place: the residual at which a fused iteration has ended.
 _ROOT_ULPS = 8.0
-# Points that the second chance takes at a time.
-_BATCH = 1 << 14
 
 Plane = Float[Array, "*batch"]
 
@@ -65,43 +62,18 @@ def solve(lens: Any, x: Plane, y: Plane) -> tuple[Plane, Plane, Int8[Array, "*ba
     done = settled(root, target) | beyond
     status = jnp.where(beyond, InverseStatus.NO_PREIMAGE, InverseStatus.CONVERGED).astype(jnp.int8)
 
-    # The second chance takes what is left, some of it at a time: where nothing is, it costs nothing, not even memory.
-    batch = min_dim(_BATCH, x.size)
-
-    def refine(state):
-        root_x, root_y, status, left = state
-        # The places of the first of them, and the end for those that there are not.
-        index = _places(jnp.cumsum(left), jnp.arange(1, batch + 1))
-        goal = join(*(plane.at[index].get(mode="fill", fill_value=0) for plane in target))
-        goal = jnp.where((index < x.size)[..., None], goal, image[None])
+    def solve_some(places: Array) -> tuple[Plane, Plane, Int8[Array, " batch"]]:
+        goal = join(*(plane.at[places].get(mode="fill", fill_value=0) for plane in target))
+        goal = jnp.where((places < x.size)[..., None], goal, image[None])
         start = jnp.broadcast_to(region.center, goal.shape)
         found, converged, blocked = solve_points(
             function, goal, start, admissible=lambda points, size: region.contains(*split(points), size)
         )
         reason = jnp.where(blocked, InverseStatus.NO_PREIMAGE, InverseStatus.NOT_CONVERGED)
-        reason = jnp.where(converged, InverseStatus.CONVERGED, reason).astype(jnp.int8)
-        planes = zip((root_x, root_y, status, left), (*split(found), reason, False), strict=True)
-        return tuple(plane.at[index].set(values, mode="drop") for plane, values in planes)
+        return *split(found), jnp.where(converged, InverseStatus.CONVERGED, reason).astype(jnp.int8)
 
-    state = lax.while_loop(lambda state: jnp.any(state[-1]), refine, (*root, status, ~done))
-    root_x, root_y, status = (plane.reshape(shape) for plane in state[:-1])
-    return root_x, root_y, status
-
-
-def _places(counts: Int[Array, " size"], ranks: Int[Array, " batch"]) -> Int[Array, " batch"]:
-    """The first place at which rising counts reach each rank, or their end.
-
-    Is `jnp.searchsorted`, which cannot do with a size that is a symbol of `jax.export`.
-    """
-
-    def halve(bracket):
-        low, high = bracket
-        middle = low + (high - low) // 2
-        before = (low < high) & (counts[middle] < ranks)
-        return jnp.where(before, middle + 1, low), jnp.where(before, high, middle)
-
-    bracket = jnp.zeros_like(ranks), jnp.full_like(ranks, counts.size)
-    return lax.while_loop(lambda bracket: jnp.any(bracket[0] < bracket[1]), halve, bracket)[0]
+    root_x, root_y, status = complete((*root, status), ~done, solve_some)
+    return root_x.reshape(shape), root_y.reshape(shape), status.reshape(shape)
 
 
 def _newton_step(function: PlaneMap, root: tuple[Plane, Plane], target: tuple[Plane, Plane]) -> tuple[Plane, Plane]:

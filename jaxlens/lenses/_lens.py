@@ -77,6 +77,11 @@ class Lens(CoordinateMap):
         x, y = split(as_points(points))
         return lies_inside(*lax.stop_gradient((self, x, y)))
 
+    def surely_one_to_one(self, points: Float[Array, "*batch 2"]) -> Bool[Array, "*batch"] | None:
+        """Whether ideal points lie nearer to the origin than the nearest fold."""
+        lens, points = lax.stop_gradient((self, points))
+        return find_region(lens.distort, jnp.zeros(2, points.dtype)).surely(*split(points))
+
     @jitted
     def invert(self, points: Float[ArrayLike, "*batch 2"]) -> Inverse:
         """Finds the ideal points of observed ones, in the region about the origin where the lens is one-to-one.
@@ -145,6 +150,10 @@ class RadialLens(Lens):
         """Maps ideal points `(..., 2)` to observed ones, beyond the fold radius too."""
         x, y = self.offset(points)
         return self.scaled(x, y, self.factor(x * x + y * y))
+
+    def surely_one_to_one(self, points: Float[Array, "*batch 2"]) -> None:
+        """Is none: to compare each point's radius with the fold's is as quick."""
+        return None
 
     @jitted
     def one_to_one(self, points: Float[ArrayLike, "*batch 2"]) -> Bool[Array, "*batch"]:

@@ -131,7 +131,7 @@ def _crossed(mask: Array, padded: Array, crossings: Array) -> tuple[Array, Array
     first = jnp.floor(lax.stop_gradient(place))
     begin = (jnp.arange(height) * (width + 2 * MARGIN))[:, None] + first.astype(jnp.int32) + (MARGIN - 1)
     z = sum(
-        weight * padded.ravel().at[begin + k].get(mode="promise_in_bounds")
+        weight * padded.ravel().at[begin + k].get(mode="promise_in_bounds", wrap_negative_indices=False)
         for k, weight in enumerate(cubic_weights(place - first))
     )
     nearest = jnp.clip(jnp.round(place), 0, width - 1).astype(jnp.int32)

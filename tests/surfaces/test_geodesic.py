@@ -253,9 +253,9 @@ def test_progress_is_told_round_by_round(count):
     sources = np.stack([np.linspace(2, 30, count), np.linspace(3, 20, count)], axis=-1)
     surface = DepthMap(0.1 * jnp.asarray(np.random.default_rng(5).random((HEIGHT, WIDTH))))
     told = []
-    found = geodesic_distance(surface, sources, progress=lambda done, total: told.append((done, total)))
+    found = geodesic_distance(surface, source=sources, progress=lambda done, total: told.append((done, total)))
     jax.effects_barrier()
-    np.testing.assert_allclose(found, geodesic_distance(surface, sources), rtol=1e-6)
+    np.testing.assert_allclose(found, geodesic_distance(surface, source=sources), rtol=1e-6)
     assert {total for _, total in told} == {HEIGHT * WIDTH}
     assert told[0][0] < HEIGHT * WIDTH
     assert told[-1][0] == HEIGHT * WIDTH
