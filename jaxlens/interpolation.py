@@ -1,5 +1,6 @@
 """Sums of neighbouring pixels, weighted by a kernel along each axis: what every interpolation is made of."""
 
+import math
 import operator
 from functools import partial, reduce
 from typing import NamedTuple
@@ -133,7 +134,7 @@ def weighted_sum(
     """
     count = len(KERNELS[kernel])
     width = grid.width + (0 if border is None else 2 * count)
-    (left, x), (top, y) = (
+    (left, x, *signs_x), (top, y, *signs_y) = (
         _first_pixel(position, size, kernel, border) for position, size in ((x, grid.width), (y, grid.height))
     )
     first = grid.offset + top * width + left
@@ -141,7 +142,8 @@ def weighted_sum(
     def sums() -> Array:
         # The fractions are computed here: a loop that reads fewer planes is worth a little arithmetic.
         across, down = (
-            kernel_weights(kernel, order, p - jnp.floor(p)) for order, p in zip(orders, (x, y), strict=True)
+            [math.prod([weight, *signs * (order % 2)]) for weight in kernel_weights(kernel, order, p - jnp.floor(p))]
+            for order, p, signs in zip(orders, (x, y), (signs_x, signs_y), strict=True)
         )
         trailing = tuple(range(x.ndim, x.ndim + pixels.ndim - 1))
 
@@ -165,8 +167,13 @@ def weighted_sum(
 
 def _first_pixel(
     position: Float[Array, "*points"], size: int | Int[Array, "*points"], kernel: str, border: str | None
-) -> tuple[Int[Array, "*points"], Float[Array, "*points"]]:
-    """The first of the pixels that a kernel reads along an axis, and a position of the fraction that it takes."""
+) -> tuple[Int[Array, "*points"], Float[Array, "*points"], *tuple[Float[Array, "*points"], ...]]:
+    """The first of the pixels that a kernel reads along an axis, and a position of the fraction that it takes.
+
+    Where the image is mirrored also the sign, −1 in a mirror image, with which that position moves.
+    """
+    if border in ("edge", *PERIODIC):
+        position = jnp.where(position == position, position, 0)
     pixel = jnp.floor(position)
     if border is None:
         return pixel.astype(jnp.int32), position
@@ -174,12 +181,16 @@ def _first_pixel(
     if count == 1:
         # floor(x + 1/2), without its rounding error.
         pixel, fraction = pixel + (fraction >= 0.5), jnp.zeros_like(fraction)
-    if border in PERIODIC:
-        pixel, mirrored = periodic(pixel, size, border)
-        # From a mirror image the position is seen from the other side, behind the pixel before.
-        pixel = pixel - (mirrored & (fraction > 0))
-        position = jnp.where(mirrored, -position, position) if border == "reflect" else position
-    return pixel.astype(jnp.int32) + (count - (count - 1) // 2), position
+    before = count - (count - 1) // 2
+    if border not in PERIODIC:
+        return pixel.astype(jnp.int32) + before, position
+    pixel, mirrored = periodic(pixel, size, border)
+    # A mirror image is seen from the other side: the position lies behind the pixel before.
+    first = (pixel - (mirrored & (fraction > 0))).astype(jnp.int32) + before
+    if border == "wrap":
+        return first, position
+    sign = jnp.where(mirrored, -1, 1).astype(position.dtype)
+    return first, sign * position, sign
 
 
 _interpolated = Primitive("interpolated")
@@ -236,7 +247,7 @@ def _jvp(primals, tangents, *, orders, dtype, **static):
 
 
 def _zero_of(sums):
-    return ad.Zero.from_primal_value(sums)  # pyright: ignore[reportAttributeAccessIssue]
+    return ad.Zero(jax.typeof(sums).to_tangent_aval())
 
 
 def _transpose(cotangent, image, x, y, padding, **static):
