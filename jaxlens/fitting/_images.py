@@ -11,10 +11,11 @@ from jax import lax
 from jaxtyping import Array, ArrayLike, Bool, Float, PyTree, Shaped
 
 from jaxlens.fitting._arguments import Bounds, Static, bound_vectors, check_loss, check_solver, common_dtype
+from jaxlens.fitting._correlated import variance_inflation
 from jaxlens.fitting._parameters import Choice, Selection, choose, free_mask, in_dtype
 from jaxlens.fitting._problem import Minimum, Problem, assess, minimize, report
 from jaxlens.fitting._result import Fit, FitStatus, checked
-from jaxlens.fitting._robust import Loss, robustify
+from jaxlens.fitting._robust import Loss, influence, robustify
 from jaxlens.fitting._solver import Unknowns
 from jaxlens.fitting._starts import coefficient_places, grid
 from jaxlens.frames import Frame
@@ -119,9 +120,10 @@ def fit_images(
         throw: As in `fit_points`.
 
     Returns:
-        A `Fit`; its `residuals` `(H', W', 1)` are gray values, zero where nothing is covered. The standard errors
-        take the noise of neighbouring pixels for independent, which that of a compressed or resampled picture is
-        not: it makes them too small. Differentiable in both pictures by the implicit function theorem.
+        A `Fit`; its `residuals` `(H', W', 1)` are gray values, zero where nothing is covered. Where the
+        residuals of neighbouring pixels agree, as those of a compressed or resampled picture do, the standard
+        errors are those of noise that is independent only between windows of 16 pixels, and `noise_inflation`
+        says what that makes of the variances. Differentiable in both pictures by the implicit function theorem.
 
     Raises:
         ValueError: shapes that do not fit, pictures that are not finite or without contrast.
@@ -209,6 +211,7 @@ def _fit(
     values, steps = minimum.unknowns.shared, steps + minimum.steps
     problem = _restricted(finest, values)
     known = assess(problem, minimum, loss=loss)
+    inflation = _noise_inflation(problem, minimum, known.covariance, loss)
     lens = problem.selection.insert(values)["lens"]
     _, valid = problem.places(lens)
     status = jnp.where(
@@ -222,11 +225,27 @@ def _fit(
         choice.names,
         lens=lens,
         frame=frame,
+        covariance=known.covariance * jnp.sqrt(inflation[:, None] * inflation[None]),
+        noise_inflation=inflation,
         residuals=known.residuals.reshape(*finest.distorted.shape, 1),
         status_code=status,
         steps=steps,
         folds=jnp.any(~valid),
     )
+
+
+def _noise_inflation(problem: _Images, minimum: Minimum, covariance: Array, loss: Loss) -> Array:
+    """How many times the correlation of neighbouring residuals inflates the variance of each estimate."""
+    shape, blocks = problem.distorted.shape, minimum.unknowns.blocks
+
+    def rows(values: Array) -> Array:
+        return problem.weighted(Unknowns(values, blocks))
+
+    def influences(change: Array) -> Array:
+        return jax.jvp(rows, (minimum.unknowns.shared,), (change,))[1].reshape(shape)
+
+    moving = influence(rows(minimum.unknowns.shared), loss, minimum.loss_scale)
+    return variance_inflation(influences, moving.reshape(shape), covariance)
 
 
 def _explained(problem: _Images, residuals: Array) -> Array:

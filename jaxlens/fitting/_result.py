@@ -71,6 +71,8 @@ class Fit(eqx.Module):
         folds: Whether the lens folds over within the data or the picture.
         noise_correlation: Of `fit_lines`, the correlation of residuals that are neighbours on a line, beyond that of
             independent noise; zero where that may well be chance.
+        noise_inflation: Of `fit_images`, how many times the correlation of residuals that are neighbours in the picture
+            inflates the variance of each parameter (`covariance` has it in it); ones where there is none.
     """
 
     lens: CoordinateMap
@@ -90,6 +92,7 @@ class Fit(eqx.Module):
     steps: Int[Array, ""]
     folds: Bool[Array, ""]
     noise_correlation: Float[Array, ""] | None = None
+    noise_inflation: Float[Array, " parameters"] | None = None
 
     @property
     def status(self) -> FitStatus | Int[Array, "*batch"]:

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from jaxlens.fitting._correlated import WINDOW
 from jaxlens.fitting._result import Fit, explain
 
 # Half the width of a 95 % interval, in standard errors.
@@ -39,11 +40,23 @@ def summarize(fit: Fit) -> str:
     ]
     if np.isfinite(fit.loss_scale):
         facts.append(f"robust loss, bending at residuals of {float(fit.loss_scale):.3g}")
+    if fit.noise_inflation is not None:
+        facts.append(_noise(np.sqrt(np.asarray(fit.noise_inflation))))
     if fit.per_view_rms is not None:
         views = np.asarray(fit.per_view_rms)
         facts.append(f"{len(views)} views, root mean square residuals from {views.min():.3g} to {views.max():.3g}")
     notes = [*_strong_correlations(fit), *(f"warning: {problem}" for problem in fit.problems())]
     return "\n".join([*facts, "", *table, *([""] if notes else []), *notes])
+
+
+def _noise(factors: np.ndarray) -> str:
+    """What the standard errors of a fit of pictures assume, from what correlation has made of them."""
+    if not np.any(factors > 1):
+        return "neighbouring residuals do not agree: the noise of each pixel is taken for independent"
+    return (
+        f"neighbouring residuals agree: the noise is taken for independent only between windows of {WINDOW} pixels, "
+        f"and the standard errors are {factors.min():.2g} to {factors.max():.2g} times those of independent pixels"
+    )
 
 
 def _decimals(error: float, value: float) -> int:
