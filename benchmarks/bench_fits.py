@@ -43,7 +43,7 @@ def bench_fit_points(race):
 
 # Tolerances at which their last step leaves as little as ours does; and a start at which the centre has an effect,
 # without which Dogleg takes no step.
-_TOLERANCE = {"rtol": 1e-8, "atol": 1e-8}
+_TOLERANCE = 1e-8
 _BARREL = (-0.1, 0.0, 0.0)
 
 
@@ -66,7 +66,7 @@ def _race_solvers(race, solver):
 )
 def bench_fit_points_levenberg_marquardt(race):
     with jax.enable_x64(True):
-        _race_solvers(race, optx.LevenbergMarquardt(**_TOLERANCE))
+        _race_solvers(race, optx.LevenbergMarquardt(rtol=_TOLERANCE, atol=_TOLERANCE))
 
 
 @pytest.mark.row(
@@ -75,7 +75,7 @@ def bench_fit_points_levenberg_marquardt(race):
 )
 def bench_fit_points_dogleg(race):
     with jax.enable_x64(True):
-        _race_solvers(race, optx.Dogleg(**_TOLERANCE))
+        _race_solvers(race, optx.Dogleg(rtol=_TOLERANCE, atol=_TOLERANCE))
 
 
 @pytest.mark.row(

@@ -15,11 +15,11 @@ POSITION = "largest error of the source position inside the picture, pixels"
 _LIMIT = 2e-3
 
 
-def _lens(count: int, dtype=np.float32) -> jl.BrownConrady:
+def _lens(count: int, dtype: jax.typing.DTypeLike = np.float32) -> jl.BrownConrady:
     return jl.BrownConrady(np.asarray(material.BROWN_CONRADY[:count], dtype))
 
 
-def _frame(dtype=np.float32) -> jl.Frame:
+def _frame(dtype: jax.typing.DTypeLike = np.float32) -> jl.Frame:
     return jl.Frame.from_camera_matrix(np.asarray(material.CAMERA_MATRIX, dtype))
 
 

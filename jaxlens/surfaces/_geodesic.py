@@ -69,7 +69,7 @@ def geodesic_distance(
     Example:
         >>> import jax.numpy as jnp
         >>> from jaxlens.surfaces import DepthMap, geodesic_distance
-        >>> distance = geodesic_distance(DepthMap(jnp.zeros((5, 7)), spacing=2.0), (0.0, 0.0))
+        >>> distance = geodesic_distance(DepthMap(jnp.zeros((5, 7)), spacing=2.0), source=(0.0, 0.0))
         >>> float(distance[4, 3])
         10.0
     """

@@ -63,7 +63,7 @@ def geodesic_path(
         >>> import jax.numpy as jnp
         >>> from jaxlens.surfaces import DepthMap, geodesic_distance, geodesic_path
         >>> plane = DepthMap(jnp.zeros((20, 30)))
-        >>> path = geodesic_path(plane, geodesic_distance(plane, (4.0, 3.0)), (25.0, 16.0))
+        >>> path = geodesic_path(plane, geodesic_distance(plane, source=(4.0, 3.0)), (25.0, 16.0))
         >>> [round(float(x), 3) for x in path.points[path.count - 1]]
         [4.0, 3.0]
     """
