@@ -113,6 +113,7 @@ def test_maps_are_batched(name, dtype):
         np.testing.assert_allclose(found.points[i], points, rtol=0, atol=TOLERANCE[dtype])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(EXAMPLES))
 def test_a_map_is_differentiated(name, dtype):
     """By the implicit function theorem: dp = J⁻¹ (dq − ∂f/∂θ dθ), for p = f⁻¹(q; θ), and backwards the same."""

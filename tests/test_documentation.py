@@ -35,11 +35,17 @@ def run_page(name):
     return space
 
 
-@pytest.mark.parametrize("name", [name for name in PAGES if name != EXTENDING])
+def slow_unless_first(name):
+    """Each page takes half a minute or more: the first is for everybody."""
+    return pytest.param(name, marks=[] if name == "README.md" else pytest.mark.slow)
+
+
+@pytest.mark.parametrize("name", [slow_unless_first(name) for name in PAGES if name != EXTENDING])
 def test_a_page_runs(name):
     run_page(name)
 
 
+@pytest.mark.slow
 def test_what_the_page_on_extending_says(capsys):
     space = run_page(EXTENDING)
     said = capsys.readouterr().out

@@ -21,7 +21,7 @@ from jaxlens.newton import implicit_point_root, solve_points
 from jaxlens.numerics import epsilon
 
 # Control points up to which sums are written out: several times faster, but long to compile for many.
-_UNROLLED = 36
+_UNROLLED = 25
 # Rounding, in units in the last place, that may part a point of the border from what it is mapped to.
 _BORDER_ULPS = 64.0
 # Points along each axis from which an inverse may start, by the number of axes.

@@ -82,6 +82,7 @@ def test_the_minimum_and_what_is_known_of_it(x64, noise):
     np.testing.assert_allclose(estimate.point_covariance(point), expected, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_standard_errors_are_those_of_repeated_measurements(x64):
     noise = np.random.default_rng(2).normal(size=(2000, 40, 2))
     estimates = jax.jit(jax.vmap(lambda noise: estimate_homography(SOURCE, image(SOURCE) + noise)))(noise)

@@ -133,6 +133,7 @@ def series(mapping, start, inward):
     return [order(0.0) for order in (along, first, second, jax.jacfwd(second))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("continuity", "sides"), [(0, None), (1, None), (2, ("left", "top")), (2, None)])
 def test_freezing_joins_derivatives_across_the_border(x64, continuity, sides):
     """Along a normal of each side, Taylor's series of the displacement begins after the order that is frozen."""

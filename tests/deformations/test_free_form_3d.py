@@ -30,6 +30,7 @@ def test_the_regular_lattice_is_the_identity(x64, degrees):
     np.testing.assert_array_equal(still(AROUND), AROUND)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degrees", [(2, 3, 1), (20, 2, 5)], ids=str)
 def test_the_sum_and_its_inverse(x64, degrees):
     mapping = deformed(degrees)

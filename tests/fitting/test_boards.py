@@ -239,6 +239,7 @@ def test_a_robust_loss_sees_past_misplaced_corners(x64):
 SEEDS = 200
 
 
+@pytest.mark.slow
 def test_standard_errors_are_those_of_repeated_noise(x64):
     """Two hundred calibrations at once; each also agrees with the one alone."""
     noise = np.random.default_rng(4).normal(size=(SEEDS, *EXACT.shape))
@@ -320,6 +321,7 @@ def test_bounds(x64):
 # --- views not seen ---------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_held_out_views(x64):
     fit = _calibrate(Boards(BOARD, NOISY))
     poses = _poses(7, 12)

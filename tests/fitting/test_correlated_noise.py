@@ -11,6 +11,8 @@ from PIL import Image
 import jaxlens as jl
 from jaxlens.fitting import fit_images
 
+pytestmark = pytest.mark.slow
+
 SHAPE = (96, 128)
 LENS = [0.3, 0.2]
 

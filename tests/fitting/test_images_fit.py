@@ -77,6 +77,7 @@ def test_a_folding_lens(x64):
     np.testing.assert_allclose(fit.values, [-0.2, 0.02, 1, 0], rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_standard_errors_are_those_of_repeated_noise(x64):
     exact = 0.9 * _seen(SOURCE, (1.0, 2.0)) + 12.5
     random = np.random.default_rng(0)
@@ -117,6 +118,7 @@ def test_a_mask_hides_a_patch(x64):
     assert np.abs(np.asarray(without.values) - [1, 3, 1, 0]).max() > 1e-3
 
 
+@pytest.mark.slow
 def test_a_robust_loss_sees_past_a_patch(x64):
     random = np.random.default_rng(2)
     for pair in ((1.0, 3.0), (2.0, 3.0)):
@@ -139,6 +141,7 @@ def test_another_picture_altogether(x64):
         _fit(other)
 
 
+@pytest.mark.slow
 def test_a_centre_of_its_own(x64):
     """Two per cent of the width, either way; the unit is half the diagonal."""
     for pair, shift in (((1.0, 2.0), (0.02, -0.02)), ((0.0, 1.0), (-0.02, 0.01))):

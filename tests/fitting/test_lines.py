@@ -90,6 +90,7 @@ def test_exact_lines_give_the_lens_back(x64):
     np.testing.assert_allclose(np.abs(pixels), np.abs(fit.residuals), atol=1e-7)
 
 
+@pytest.mark.slow
 def test_standard_errors_are_those_of_repeated_noise(x64):
     """And straight lines are not bought by shrinking the picture: the residuals stay as long as the noise."""
     clean, random = _clean(), np.random.default_rng(3)
@@ -186,6 +187,7 @@ def test_lines_through_the_centre_say_nothing(x64):
     assert np.isnan(fit.covariance).all()
 
 
+@pytest.mark.slow
 def test_a_batch_of_the_division_model(x64):
     """Exact for four lenses at once, with points that are missing."""
     truth = np.array([[0.25, 0.02, -0.01], [0.1, 0.0, 0.03], [-0.1, 0.01, 0.01], [0.2, 0.0, 0.0]])
@@ -201,6 +203,7 @@ def test_a_batch_of_the_division_model(x64):
     assert fits.degrees_of_freedom.tolist() == [LINES * POINTS - 4 - 2 * LINES - 3] * 4
 
 
+@pytest.mark.slow
 def test_gradients_by_the_points(x64):
     """Finite where a point is missing, too."""
     clean, random = _seen(jl.Division(np.array(0.25), center=TRUTH[2:])), np.random.default_rng(7)

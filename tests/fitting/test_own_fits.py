@@ -155,6 +155,7 @@ def test_points_by_any_solver(x64, solver, loss):
     np.testing.assert_allclose(slopes[1], slopes[0], rtol=0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_lines_pictures_and_boards_by_another_solver(x64):
     solver = SOLVERS[0]
     t = jnp.linspace(-0.6, 0.6, 15)

@@ -147,6 +147,7 @@ def _pictures():
     return clean, spoilt, np.ones((300, COUNT), np.float32)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", ["linear", "huber", "cauchy"])
 def test_standard_errors_are_those_of_repeated_noise(x64, loss):
     clean, _, ones = _pictures()

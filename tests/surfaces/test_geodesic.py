@@ -230,6 +230,7 @@ def test_an_edge_of_sources(dtype):
     np.testing.assert_allclose(distance, rows, rtol=0, atol=64 * np.finfo(dtype).eps)
 
 
+@pytest.mark.slow
 def test_many_sources_are_as_one_by_one(x64):
     """On a curved surface with a hole, sources between pixels: against the least of separate solutions."""
     random = np.random.default_rng(0)
