@@ -101,6 +101,7 @@ def test_a_map_inverts_and_masks(name, dtype):
     np.testing.assert_array_equal(jnp.isnan(spoiled.masked()).all(-1), [True, False, False, False])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(EXAMPLES))
 def test_maps_are_batched(name, dtype):
     each, points = [EXAMPLES[name](strength, dtype) for strength in STRENGTHS], points_for(name, dtype)

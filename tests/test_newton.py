@@ -244,6 +244,7 @@ def swirl_inverse(target):
     return newton.implicit_point_root(swirl_residual, root, target)
 
 
+@pytest.mark.slow
 def test_implicit_derivatives_in_the_plane(x64):
     ideal = jnp.asarray([[0.1, 0.2], [-0.4, 0.3], [0.0, 0.0]])
     target = swirl(ideal)

@@ -129,6 +129,7 @@ def test_simpler_maps(x64, kind):
     assert int(estimate.degrees_of_freedom) == 78 - len(start)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shift", [0.0, 1.0])
 def test_derivatives(x64, shift):
     """At the identity, where the fit is exact, and at a noisy homography: against differences of whole fits."""

@@ -224,6 +224,7 @@ def test_what_has_no_preimage(x64):
     assert not bool(mirrored.one_to_one(POINTS).any())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degree", [(3, 2), (20, 20)], ids=str)
 def test_derivatives(x64, degree):
     """By point, control points and weights: forward, reverse, and differences; of the inverse what they imply."""
@@ -260,6 +261,7 @@ def test_derivatives(x64, degree):
     np.testing.assert_allclose(found, implied, rtol=0, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_gradients_where_nothing_counts_are_finite(x64):
     mapping = deformed(3, 2)
     points = jnp.array([[np.nan, 1.0], [1e300, 3.0], LOWER, UPPER, [99.0, 99.0]])

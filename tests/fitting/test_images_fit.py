@@ -51,6 +51,7 @@ def _patched(distorted):
     return covered
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pair", PAIRS)
 def test_all_six_lenses_from_zero(x64, pair):
     fit = _fit(_seen(SOURCE, pair))

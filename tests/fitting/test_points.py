@@ -338,6 +338,7 @@ def test_a_batch_is_a_loop_and_a_bad_fit_stays_alone(x64):
         assert fits.parameters["center_x"][k] == fits.lens.center[k, 0] == fits.values[k, 2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("loss", "scale", "tolerance"), [("linear", None, 1e-9), ("cauchy", 2 * NOISE, 1e-5)])
 def test_derivatives(x64, loss, scale, tolerance):
     """By all that a fit depends on: forward, reverse, and differences of fourth order."""

@@ -139,6 +139,7 @@ def test_half_precision_is_solved_in_single():
     np.testing.assert_allclose(inverse.points, [[0.25, 0.5], [0.0, 0.0]], atol=1e-3)
 
 
+@pytest.mark.slow
 def test_derivatives(x64):
     """Of first and second order, by points and by parameters, against the radial lens's; finite in masked places."""
     kappa, observed = np.asarray([-0.25, 0.05]), disc(20, 0.6)

@@ -88,6 +88,7 @@ LENSES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("index", range(len(LENSES)))
 def test_derivatives(x64, index):
     lens = jax.tree.map(lambda leaf: leaf.astype(float), LENSES[index])
@@ -95,6 +96,7 @@ def test_derivatives(x64, index):
     check_grads(lambda lens, points: lens.invert(points).points, (lens, points), 2, rtol=1e-5, atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("index", range(len(LENSES)))
 def test_derivatives_are_finite_everywhere(x64, index):
     lens = jax.tree.map(lambda leaf: leaf.astype(float), LENSES[index])

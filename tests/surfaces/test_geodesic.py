@@ -140,6 +140,7 @@ def test_outside_and_out_of_reach(x64):
     assert np.all(np.isposinf(found[:, 16:]))
 
 
+@pytest.mark.slow
 def test_derivatives(x64):
     """Forward, reverse and central differences, by the depth, the spacing and the source."""
     random = np.random.default_rng(0)
