@@ -274,6 +274,7 @@ def test_gradients_where_nothing_counts_are_finite(x64):
     assert bool(jnp.isfinite(by_points).all())
 
 
+@pytest.mark.slow
 def test_batches(x64):
     lattices = np.stack([np.asarray(deformed(3, 2, seed=seed).control_points) for seed in range(3)])
     weights = np.stack([np.asarray(deformed(3, 2, seed=seed).weights) for seed in range(3)])

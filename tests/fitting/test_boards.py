@@ -221,6 +221,7 @@ def test_single_precision():
     np.testing.assert_allclose(fit.standard_errors, errors, rtol=0.01)
 
 
+@pytest.mark.slow
 def test_a_robust_loss_sees_past_misplaced_corners(x64):
     random = np.random.default_rng(3)
     bad = random.uniform(size=(VIEWS, 54)) < 0.05
@@ -395,6 +396,7 @@ def test_too_many_coefficients_are_not_identified(x64):
     assert float(fit.rms) <= float(_calibrate(Boards(BOARD, NOISY)).rms)
 
 
+@pytest.mark.slow
 def test_views_without_weight_might_as_well_not_be_there(x64):
     """Under `jax.jit` it is known late that a view has no corners; so views are held out by one program."""
     keep = np.arange(VIEWS) % 3 != 1

@@ -139,6 +139,7 @@ IDEAL = np.random.default_rng(1).uniform(-0.7, 0.7, (60, 2))
 LENS = [-0.2, 0.05]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", SOLVERS, ids=lambda solver: type(solver).__name__)
 @pytest.mark.parametrize("loss", ["linear", "huber"])
 def test_points_by_any_solver(x64, solver, loss):
