@@ -80,9 +80,9 @@ def test_the_experiment_writes_its_folder_whatever_the_other_pictures_size(folde
         "blocks.csv",
         "manifest.json",
         "noise.png",
+        "run.json",
         "spread.png",
         "spread.svg",
-        "run.json",
         "table.csv",
     ]
     for one, two in zip(first.files, second.files, strict=True):
