@@ -132,7 +132,7 @@ LAYERS = (
     ("files", "columns"),
     ("surfaces",),
     ("images", "calibrations"),
-    ("experiments",),
+    ("experiments", "figures"),
     ("cli",),
     ("__main__",),
 )

@@ -75,7 +75,7 @@ def run(arguments: Arguments) -> int:
         if arguments.plots is not None:
             import numpy as np
 
-            from jaxlens.experiments.figures.fits import curve_figure, residual_figure, views_figure
+            from jaxlens.figures.fits import curve_figure, residual_figure, views_figure
 
             assert fit.frame is not None
             assert fit.per_view_rms is not None

@@ -15,7 +15,7 @@ def save_figure(path: Path, figure: "Figure", *, overwrite: bool) -> None:
     Raises:
         CommandError: it exists, or cannot be written.
     """
-    from jaxlens.experiments.figures.style import save, style
+    from jaxlens.figures.style import save, style
     from jaxlens.files import atomic_write
 
     try:

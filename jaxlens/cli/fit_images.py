@@ -75,7 +75,7 @@ def run(arguments: Arguments) -> int:
         if arguments.plots is not None:
             import numpy as np
 
-            from jaxlens.experiments.figures.fits import curve_figure, pictures_figure
+            from jaxlens.figures.fits import curve_figure, pictures_figure
             from jaxlens.warping import pixel_grid
 
             assert fit.frame is not None

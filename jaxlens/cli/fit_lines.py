@@ -73,7 +73,7 @@ def run(arguments: Arguments) -> int:
         )
         figures = None
         if arguments.plots is not None:
-            from jaxlens.experiments.figures.fits import curve_figure, lines_figure
+            from jaxlens.figures.fits import curve_figure, lines_figure
 
             figures = {
                 "lines": lines_figure(lines, np.asarray(fit.residuals), fit, unit),

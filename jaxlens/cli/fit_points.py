@@ -79,7 +79,7 @@ def run(arguments: Arguments) -> int:
         )
         figures = None
         if arguments.plots is not None:
-            from jaxlens.experiments.figures.fits import curve_figure, residual_figure
+            from jaxlens.figures.fits import curve_figure, residual_figure
 
             figures = {
                 "residuals": residual_figure(observed, np.asarray(fit.residuals), fit, unit),

@@ -115,9 +115,9 @@ def _measure(arguments: Arguments) -> None:
     from jaxlens.cli.meshes import is_mesh
     from jaxlens.cli.pictures import write_picture
     from jaxlens.cli.progress import progress_of
-    from jaxlens.experiments.figures.geodesics import distance_maps
-    from jaxlens.experiments.figures.style import style
     from jaxlens.experiments.geodesic_distances import measure_distances
+    from jaxlens.figures.geodesics import distance_maps
+    from jaxlens.figures.style import style
     from jaxlens.files import write_text
     from jaxlens.images import Picture
     from jaxlens.surfaces import iso_distance_curves

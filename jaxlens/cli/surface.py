@@ -15,7 +15,7 @@ from jaxlens.cli.messages import say
 from jaxlens.cli.options import check_file, check_max_pixels
 from jaxlens.cli.surfaces import View, check_view, load_surface
 
-# Those of jaxlens.experiments.figures.surfaces, which imports matplotlib; a test holds them together.
+# Those of jaxlens.figures.surfaces, which imports matplotlib; a test holds them together.
 Drawing = Literal["mesh", "filled", "isolines"]
 
 HELP = """Draw a picture as a landscape, or show a mesh from the front.
@@ -110,7 +110,7 @@ def _draw_landscape(arguments: Arguments) -> None:
     from jaxlens.cli.figures import save_figure
     from jaxlens.cli.pictures import read_picture
     from jaxlens.cli.surfaces import gray_values
-    from jaxlens.experiments.figures.surfaces import surface_figure
+    from jaxlens.figures.surfaces import surface_figure
 
     gray, white = gray_values(read_picture(arguments.file, arguments.max_pixels))
     missing = ~np.isfinite(gray)

@@ -7,7 +7,7 @@ import pytest
 
 import jaxlens as jl
 from jaxlens.cli.surface import Drawing as Offered
-from jaxlens.experiments.figures.surfaces import Drawing
+from jaxlens.figures.surfaces import Drawing
 from jaxlens.images import Picture, read_image, write_image
 from jaxlens.surfaces import Mesh, save_mesh
 

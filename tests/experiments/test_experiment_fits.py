@@ -9,7 +9,7 @@ import pytest
 
 import jaxlens as jl
 from jaxlens import experiments
-from jaxlens.experiments.figures.inversions import chance
+from jaxlens.figures.inversions import chance
 
 INVERSION = """
 kind = "inversion"

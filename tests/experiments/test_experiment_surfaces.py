@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from matplotlib.collections import PolyCollection
 
-from jaxlens.experiments.figures.style import new_figure, save, style
-from jaxlens.experiments.figures.surfaces import draw_surface, surface_figure
+from jaxlens.figures.style import new_figure, save, style
+from jaxlens.figures.surfaces import draw_surface, surface_figure
 
 RAMP = np.broadcast_to(np.linspace(0, 200, 40), (30, 40))
 

@@ -12,12 +12,12 @@ from rich.console import Console, RenderableType
 from jaxlens.calibrations import CalibrationError, read_corners
 from jaxlens.experiments.config import Configuration
 from jaxlens.experiments.errors import ExperimentError
-from jaxlens.experiments.figures.fits import curve_figure, residual_figure, views_figure
-from jaxlens.experiments.figures.style import save
 from jaxlens.experiments.kinds.outcome import Outcome, progress_bar
 from jaxlens.experiments.reports import plain_table
 from jaxlens.experiments.schema import BoardModel, BoardsExperiment
 from jaxlens.experiments.tables import Value, write_csv
+from jaxlens.figures.fits import curve_figure, residual_figure, views_figure
+from jaxlens.figures.style import save
 from jaxlens.files import file_sha256
 from jaxlens.fitting import Boards, Fit, FitStatus, calibrate, evaluate
 from jaxlens.lenses import BrownConrady

@@ -5,7 +5,6 @@ from pathlib import Path
 from rich.console import Console
 
 from jaxlens.experiments.config import Configuration
-from jaxlens.experiments.figures.style import style
 from jaxlens.experiments.kinds.boards import perform_boards
 from jaxlens.experiments.kinds.free_form import perform_free_form
 from jaxlens.experiments.kinds.geodesics import perform_geodesics
@@ -34,6 +33,7 @@ from jaxlens.experiments.schema import (
     SurfacePlotExperiment,
     UnknownExperiment,
 )
+from jaxlens.figures.style import style
 
 
 def perform(configuration: Configuration, folder: Path, progress: Console) -> Outcome:

@@ -10,13 +10,13 @@ from rich.console import Console
 from jaxlens.experiments.config import Configuration
 from jaxlens.experiments.deforming import Deformed, deform, lattice_of, moved
 from jaxlens.experiments.errors import ConfigError
-from jaxlens.experiments.figures.free_forms import continuity_panel, lattice_panel
-from jaxlens.experiments.figures.style import save
 from jaxlens.experiments.kinds.outcome import Outcome, progress_bar
 from jaxlens.experiments.reports import plain_table
 from jaxlens.experiments.schema import FreeFormExperiment
 from jaxlens.experiments.sources import load_source
 from jaxlens.experiments.tables import Value, write_csv
+from jaxlens.figures.free_forms import continuity_panel, lattice_panel
+from jaxlens.figures.style import save
 
 _SUPERSCRIPTS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 _LATTICE = ("border", "column", "row", "initial_x", "initial_y", "x", "y", "weight", "frozen")

@@ -7,8 +7,6 @@ from rich.console import Console, RenderableType
 from rich.text import Text
 
 from jaxlens.experiments.config import Configuration
-from jaxlens.experiments.figures.geodesics import convergence_chart, distance_maps, path_panel, ratio_maps
-from jaxlens.experiments.figures.style import save
 from jaxlens.experiments.geodesic_distances import (
     Convergence,
     Distances,
@@ -21,6 +19,8 @@ from jaxlens.experiments.kinds.outcome import Outcome, progress_bar
 from jaxlens.experiments.reports import plain_table
 from jaxlens.experiments.schema import GeodesicsExperiment
 from jaxlens.experiments.tables import write_csv
+from jaxlens.figures.geodesics import convergence_chart, distance_maps, path_panel, ratio_maps
+from jaxlens.figures.style import save
 
 
 def perform_geodesics(

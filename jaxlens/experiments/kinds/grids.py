@@ -4,8 +4,6 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxlens.experiments.figures.linegrids import curve_panel, picture_panel
-from jaxlens.experiments.figures.style import save
 from jaxlens.experiments.kinds.outcome import Outcome
 from jaxlens.experiments.linegrids import (
     SETTINGS,
@@ -18,6 +16,8 @@ from jaxlens.experiments.linegrids import (
 from jaxlens.experiments.reports import plain_table
 from jaxlens.experiments.schema import GridsExperiment
 from jaxlens.experiments.tables import Value, write_csv
+from jaxlens.figures.linegrids import curve_panel, picture_panel
+from jaxlens.figures.style import save
 
 _HEADER = ("setting", "k", "distortion", "bend_of_curve_px", "bend_of_picture_px")
 

@@ -7,14 +7,14 @@ import jax.numpy as jnp
 from rich.console import Console, RenderableType
 
 from jaxlens.experiments.config import Configuration
-from jaxlens.experiments.figures.inversions import error_chart
-from jaxlens.experiments.figures.style import save
 from jaxlens.experiments.inverting import Recovery, from_pictures, from_points
 from jaxlens.experiments.kinds.outcome import Outcome, progress_bar
 from jaxlens.experiments.reports import plain_table
 from jaxlens.experiments.schema import InversionExperiment
 from jaxlens.experiments.sources import load_source
 from jaxlens.experiments.tables import write_csv
+from jaxlens.figures.inversions import error_chart
+from jaxlens.figures.style import save
 
 
 def perform_inversion(

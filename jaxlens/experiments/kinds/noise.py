@@ -8,8 +8,6 @@ from rich.console import RenderableType
 
 from jaxlens.experiments.config import Configuration
 from jaxlens.experiments.errors import ConfigError
-from jaxlens.experiments.figures.noises import arrangement_panel, noise_panel, spread_chart
-from jaxlens.experiments.figures.style import kappa_label, save
 from jaxlens.experiments.kinds.outcome import Outcome
 from jaxlens.experiments.noises import Spread, arrangements, scores, spread_of
 from jaxlens.experiments.reports import plain_table
@@ -17,6 +15,8 @@ from jaxlens.experiments.schema import NoiseExperiment
 from jaxlens.experiments.sources import Source, load_source
 from jaxlens.experiments.sweeping import deform_all
 from jaxlens.experiments.tables import Value, write_csv
+from jaxlens.figures.noises import arrangement_panel, noise_panel, spread_chart
+from jaxlens.figures.style import kappa_label, save
 
 # The smallest picture that holds a window of SSIM.
 _LEAST = 11

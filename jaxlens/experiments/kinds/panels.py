@@ -8,14 +8,14 @@ from rich.console import Console
 
 from jaxlens.diagnostics import multiplicity
 from jaxlens.experiments.config import Configuration
-from jaxlens.experiments.figures.multiplicities import multiplicity_panel
-from jaxlens.experiments.figures.style import save
 from jaxlens.experiments.kinds.outcome import Outcome, progress_bar
 from jaxlens.experiments.reports import plain_table
 from jaxlens.experiments.schema import PanelsExperiment
 from jaxlens.experiments.sources import load_source
 from jaxlens.experiments.sweeping import deform_all
 from jaxlens.experiments.tables import kappa_columns, write_csv
+from jaxlens.figures.multiplicities import multiplicity_panel
+from jaxlens.figures.style import save
 from jaxlens.lenses import RadialPolynomial
 from jaxlens.warping import distortion_map
 

@@ -6,14 +6,14 @@ import numpy as np
 
 from jaxlens.experiments.config import Configuration
 from jaxlens.experiments.errors import ConfigError
-from jaxlens.experiments.figures.projections import displacement_chart, projection_panel
-from jaxlens.experiments.figures.style import save
 from jaxlens.experiments.kinds.outcome import Outcome
 from jaxlens.experiments.projecting import AXES, Axis, Profile, distorted, profiles
 from jaxlens.experiments.reports import plain_table
 from jaxlens.experiments.schema import ProjectionsExperiment
 from jaxlens.experiments.sources import load_source
 from jaxlens.experiments.tables import Value, write_csv
+from jaxlens.figures.projections import displacement_chart, projection_panel
+from jaxlens.figures.style import save
 
 _HEADER = (
     "k",

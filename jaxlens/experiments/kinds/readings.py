@@ -8,8 +8,6 @@ from rich.text import Text
 
 from jaxlens.experiments import paper
 from jaxlens.experiments.config import Configuration
-from jaxlens.experiments.figures.readings import distance_chart, psnr_chart, reading_panel
-from jaxlens.experiments.figures.style import save
 from jaxlens.experiments.kinds.outcome import Outcome, progress_bar
 from jaxlens.experiments.readings import READINGS, Reading
 from jaxlens.experiments.reports import new_table
@@ -17,6 +15,8 @@ from jaxlens.experiments.schema import ReadingsExperiment
 from jaxlens.experiments.sources import Source, load_source
 from jaxlens.experiments.sweeping import deform_all, sweep
 from jaxlens.experiments.tables import Value, write_csv
+from jaxlens.figures.readings import distance_chart, psnr_chart, reading_panel
+from jaxlens.figures.style import save
 
 _KAPPA = np.array([row.kappa for row in paper.TABLE_1])
 # The lens whose pictures are shown.

@@ -6,13 +6,13 @@ import numpy as np
 from rich.console import Console, RenderableType
 from rich.text import Text
 
-from jaxlens.experiments.figures.rotations import bias_chart
-from jaxlens.experiments.figures.style import save
 from jaxlens.experiments.kinds.outcome import Outcome, progress_bar
 from jaxlens.experiments.reports import plain_table
 from jaxlens.experiments.rotating import Biases, focal_length_biases
 from jaxlens.experiments.schema import RotationExperiment
 from jaxlens.experiments.tables import write_csv
+from jaxlens.figures.rotations import bias_chart
+from jaxlens.figures.style import save
 
 
 def perform_rotation(experiment: RotationExperiment, folder: Path, progress: Console) -> Outcome:

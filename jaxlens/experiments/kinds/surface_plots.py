@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 
 from jaxlens.experiments.config import Configuration
-from jaxlens.experiments.figures.style import save
-from jaxlens.experiments.figures.surfaces import smoothed, surface_figure
 from jaxlens.experiments.kinds.outcome import Outcome
 from jaxlens.experiments.reports import plain_table
 from jaxlens.experiments.schema import SurfacePlotExperiment
 from jaxlens.experiments.sources import load_source
 from jaxlens.experiments.tables import Value, write_csv
+from jaxlens.figures.style import save
+from jaxlens.figures.surfaces import smoothed, surface_figure
 
 _HEADER = ("heights", "least", "greatest", "mean", "standard_deviation", "steepest_per_px")
 

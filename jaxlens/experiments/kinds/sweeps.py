@@ -8,16 +8,16 @@ from rich.console import Console, RenderableType
 
 from jaxlens.diagnostics import multiplicity
 from jaxlens.experiments.config import Configuration
-from jaxlens.experiments.figures import charts
-from jaxlens.experiments.figures.coverages import coverage_chart
-from jaxlens.experiments.figures.pictures import deformed_panel, error_panel
-from jaxlens.experiments.figures.style import kappa_label, save
 from jaxlens.experiments.kinds.outcome import Outcome, progress_bar
 from jaxlens.experiments.reports import comparison, extremes
 from jaxlens.experiments.schema import SweepExperiment
 from jaxlens.experiments.sources import Source, load_source
 from jaxlens.experiments.sweeping import deform_all, estimated_bytes, lanes_within, sweep
 from jaxlens.experiments.tables import kappa_columns, write_csv
+from jaxlens.figures import charts
+from jaxlens.figures.coverages import coverage_chart
+from jaxlens.figures.pictures import deformed_panel, error_panel
+from jaxlens.figures.style import kappa_label, save
 from jaxlens.lenses import RadialPolynomial
 from jaxlens.warping import distortion_map
 

@@ -8,14 +8,6 @@ from rich.text import Text
 
 from jaxlens.experiments import paper
 from jaxlens.experiments.exact_pictures import Exact, nearest_exact
-from jaxlens.experiments.figures.style import save
-from jaxlens.experiments.figures.unknown import (
-    exact_panel,
-    knowledge_chart,
-    picture_panel,
-    profile_chart,
-    residual_chart,
-)
 from jaxlens.experiments.kinds.outcome import Outcome, progress_bar
 from jaxlens.experiments.portraits import PARAMETERS, bounds, render_fine
 from jaxlens.experiments.readings import READINGS, Reading
@@ -33,6 +25,14 @@ from jaxlens.experiments.unknown_pictures import (
     Search,
     distinct,
     goal,
+)
+from jaxlens.figures.style import save
+from jaxlens.figures.unknown import (
+    exact_panel,
+    knowledge_chart,
+    picture_panel,
+    profile_chart,
+    residual_chart,
 )
 
 # Pictures shown of each reading, and those of them that are changed until they meet the table.

@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from jaxlens.experiments import paper
-from jaxlens.experiments.figures.style import BLUE, VERMILLION, WIDTH, new_figure, pair_label
+from jaxlens.figures.style import BLUE, VERMILLION, WIDTH, new_figure, pair_label
 
 UNITS = {"snr": "dB", "psnr": "dB", "rmse": "gray levels", "mae": "gray levels", "ssim": ""}
 # A lens of Table 1 on a heat map.

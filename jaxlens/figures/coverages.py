@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from jaxlens.experiments.figures.pictures import cell_aspect
-from jaxlens.experiments.figures.style import MUTED, PALETTE, WIDTH, bare, kappa_label, new_figure
+from jaxlens.figures.pictures import cell_aspect
+from jaxlens.figures.style import MUTED, PALETTE, WIDTH, bare, kappa_label, new_figure
 
 _STYLES = ("-", "--")
 

@@ -8,7 +8,7 @@ from jax.typing import ArrayLike
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from jaxlens.experiments.figures.style import (
+from jaxlens.figures.style import (
     BLUE,
     FAINT,
     MUTED,

@@ -7,8 +7,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from jaxlens.experiments.exact_pictures import Exact
-from jaxlens.experiments.figures.pictures import place
-from jaxlens.experiments.figures.style import (
+from jaxlens.experiments.paper import PEAK
+from jaxlens.experiments.portraits import PARAMETERS, bounds
+from jaxlens.experiments.readings import READINGS, Reading
+from jaxlens.experiments.unknown_pictures import LABELS, Found
+from jaxlens.figures.pictures import place
+from jaxlens.figures.style import (
     BLUE,
     FAINT,
     GREEN,
@@ -19,10 +23,6 @@ from jaxlens.experiments.figures.style import (
     new_figure,
     show_image,
 )
-from jaxlens.experiments.paper import PEAK
-from jaxlens.experiments.portraits import PARAMETERS, bounds
-from jaxlens.experiments.readings import READINGS, Reading
-from jaxlens.experiments.unknown_pictures import LABELS, Found
 
 _MARKS: dict[Reading, tuple[str, str]] = {
     "functional inverse": (BLUE, "o"),

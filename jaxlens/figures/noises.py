@@ -8,9 +8,9 @@ from matplotlib.legend_handler import HandlerTuple
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from jaxlens.experiments.figures.pictures import cell_aspect, place
-from jaxlens.experiments.figures.style import BLACK, BLUE, MUTED, VERMILLION, WIDTH, bare, new_figure, show_image
 from jaxlens.experiments.noises import Spread
+from jaxlens.figures.pictures import cell_aspect, place
+from jaxlens.figures.style import BLACK, BLUE, MUTED, VERMILLION, WIDTH, bare, new_figure, show_image
 
 _TITLE, _NOTE, _GAP, _MARGIN = 0.25, 0.44, 0.12, 0.05
 _BAR = 0.75

@@ -9,8 +9,8 @@ from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from jaxlens.experiments.figures.pictures import cell_aspect, place
-from jaxlens.experiments.figures.style import FAINT, MUTED, WIDTH, bare, kappa_label, new_figure, show_image
+from jaxlens.figures.pictures import cell_aspect, place
+from jaxlens.figures.style import FAINT, MUTED, WIDTH, bare, kappa_label, new_figure, show_image
 
 _TITLE, _NOTE, _GAP, _MARGIN = 0.25, 0.44, 0.1, 0.05
 # Counts of single pixels beat with the screen's; their means over squares of this side do not.

@@ -8,9 +8,9 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from jaxlens.experiments.figures.pictures import place
-from jaxlens.experiments.figures.style import BLUE, FAINT, MUTED, WIDTH, bare, new_figure, show_image
 from jaxlens.experiments.linegrids import HALF, SETTINGS, Setting
+from jaxlens.figures.pictures import place
+from jaxlens.figures.style import BLUE, FAINT, MUTED, WIDTH, bare, new_figure, show_image
 
 _HEAD, _NOTE, _GAP, _MARGIN = 0.55, 0.27, 0.14, 0.05
 _HEADINGS: dict[Setting, tuple[str, str]] = {

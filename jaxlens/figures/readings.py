@@ -6,8 +6,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from jaxlens.experiments import paper
-from jaxlens.experiments.figures.pictures import deformed_panel
-from jaxlens.experiments.figures.style import (
+from jaxlens.experiments.readings import READINGS, Reading
+from jaxlens.figures.pictures import deformed_panel
+from jaxlens.figures.style import (
     BLACK,
     BLUE,
     FAINT,
@@ -19,7 +20,6 @@ from jaxlens.experiments.figures.style import (
     pair_label,
     plain,
 )
-from jaxlens.experiments.readings import READINGS, Reading
 
 _MARKS: dict[Reading, tuple[str, str]] = {
     "functional inverse": (BLUE, "o"),

@@ -7,8 +7,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from jaxlens.experiments.figures.pictures import cell_aspect, place
-from jaxlens.experiments.figures.style import (
+from jaxlens.experiments.projecting import AXES, Profile
+from jaxlens.experiments.projecting import Axis as ProfileAxis
+from jaxlens.figures.pictures import cell_aspect, place
+from jaxlens.figures.style import (
     BLUE,
     FAINT,
     MUTED,
@@ -19,8 +21,6 @@ from jaxlens.experiments.figures.style import (
     new_figure,
     show_image,
 )
-from jaxlens.experiments.projecting import AXES, Profile
-from jaxlens.experiments.projecting import Axis as ProfileAxis
 
 _TITLE, _GAP, _MARGIN, _TICKS = 0.25, 0.14, 0.05, 0.5
 # A profile's height, as a share of the picture's side.

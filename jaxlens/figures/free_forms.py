@@ -15,8 +15,8 @@ from matplotlib.patheffects import withStroke
 
 from jaxlens.deformations import FreeForm
 from jaxlens.experiments.deforming import Deformed
-from jaxlens.experiments.figures.pictures import cell_aspect, place
-from jaxlens.experiments.figures.style import MUTED, ORANGE, SKY, WIDTH, bare, new_figure, show_image
+from jaxlens.figures.pictures import cell_aspect, place
+from jaxlens.figures.style import MUTED, ORANGE, SKY, WIDTH, bare, new_figure, show_image
 
 _TITLE, _NOTE, _GAP, _MARGIN = 0.25, 0.62, 0.12, 0.05
 _BAR = 0.95

@@ -11,8 +11,9 @@ from matplotlib.colors import BoundaryNorm, ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullFormatter, NullLocator
 
-from jaxlens.experiments.figures.pictures import place
-from jaxlens.experiments.figures.style import (
+from jaxlens.experiments.geodesic_distances import Convergence, Distances, Way
+from jaxlens.figures.pictures import place
+from jaxlens.figures.style import (
     BLUE,
     FAINT,
     GREEN,
@@ -23,7 +24,6 @@ from jaxlens.experiments.figures.style import (
     new_figure,
     plain,
 )
-from jaxlens.experiments.geodesic_distances import Convergence, Distances, Way
 from jaxlens.surfaces import iso_distance_curves
 
 _TITLE, _GAP, _MARGIN, _BAR = 0.44, 0.08, 0.05, 0.95

@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from jaxlens.experiments.figures.style import BLUE, FAINT, GREEN, MUTED, PALETTE, VERMILLION, WIDTH, new_figure, plain
 from jaxlens.experiments.rotating import Biases
+from jaxlens.figures.style import BLUE, FAINT, GREEN, MUTED, PALETTE, VERMILLION, WIDTH, new_figure, plain
 
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 # A millionth, in percent.

@@ -7,9 +7,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
-from jaxlens.experiments.figures.style import MUTED, PALETTE, WIDTH, kappa_label, new_figure
 from jaxlens.experiments.inverting import Recovery
 from jaxlens.experiments.noises import chi_square_above
+from jaxlens.figures.style import MUTED, PALETTE, WIDTH, kappa_label, new_figure
 
 _TITLES = {"points": "from points", "pictures": "from a pair of pictures"}
 # From one lens to the next, the factor on the noise at which it is drawn.
