@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from jaxlens import fitting as fitting
     from jaxlens import images as images
     from jaxlens import lenses as lenses
+    from jaxlens import meshes as meshes
     from jaxlens import metrics as metrics
     from jaxlens import projections as projections
     from jaxlens import self_calibration as self_calibration
@@ -44,6 +45,7 @@ _MODULES = (
     "fitting",
     "images",
     "lenses",
+    "meshes",
     "metrics",
     "projections",
     "self_calibration",

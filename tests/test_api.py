@@ -16,6 +16,7 @@ from jaxlens import (
     fitting,
     images,
     lenses,
+    meshes,
     metrics,
     projections,
     self_calibration,
@@ -30,6 +31,7 @@ MODULES = {
     "fitting": fitting,
     "images": images,
     "lenses": lenses,
+    "meshes": meshes,
     "metrics": metrics,
     "projections": projections,
     "self_calibration": self_calibration,
@@ -129,9 +131,9 @@ LAYERS = (
     ("metrics",),
     ("projections",),
     ("fitting", "self_calibration"),
-    ("files", "columns"),
     ("surfaces",),
-    ("images", "calibrations"),
+    ("files", "columns"),
+    ("images", "calibrations", "meshes"),
     ("experiments", "figures"),
     ("cli",),
     ("__main__",),
@@ -168,7 +170,7 @@ def test_the_core_knows_no_files():
     """What is below the line in the design is not seen from above, nor are the libraries that read and draw."""
     for path, here, imported in imports():
         if here in PURE:
-            assert not imported.startswith(("imageio", "PIL", "matplotlib", "tifffile", "trimesh")), path
+            assert not imported.startswith(("imageio", "PIL", "contourpy", "matplotlib", "tifffile", "trimesh")), path
 
 
 def test_private_names_do_not_cross_a_package():

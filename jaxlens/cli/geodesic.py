@@ -116,11 +116,11 @@ def _measure(arguments: Arguments) -> None:
     from jaxlens.cli.pictures import write_picture
     from jaxlens.cli.progress import progress_of
     from jaxlens.experiments.geodesic_distances import measure_distances
+    from jaxlens.figures.contours import contour_lines
     from jaxlens.figures.geodesics import distance_maps
     from jaxlens.figures.style import style
     from jaxlens.files import write_text
     from jaxlens.images import Picture
-    from jaxlens.surfaces import iso_distance_curves
 
     most = _MAX_POINTS if arguments.max_points is None else arguments.max_points
     loaded = load_surface(arguments.file, arguments, arguments.max_pixels, relief=arguments.relief, max_points=most)
@@ -153,7 +153,7 @@ def _measure(arguments: Arguments) -> None:
         )
     levels = step * np.arange(1, int(farthest / step) + 1)
     lines = ["distance,curve,x,y"]
-    for level, curves in zip(levels, iso_distance_curves(found.geodesic, levels), strict=True):
+    for level, curves in zip(levels, contour_lines(found.geodesic, levels), strict=True):
         scaled = [(curve + 0.5) * factors - 0.5 for curve in curves]
         lines += [f"{level:.9g},{i},{x:.3f},{y:.3f}" for i, curve in enumerate(scaled) for x, y in curve]
     origin, place = ("the most prominent point",) * 2 if source is None else ("the source", "as given")

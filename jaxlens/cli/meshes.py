@@ -22,10 +22,10 @@ def load_mesh(path: Path) -> "Mesh":
     Raises:
         CommandError: it cannot be read, or trimesh is not installed.
     """
-    from jaxlens.surfaces import read_mesh
+    from jaxlens import meshes
 
     try:
-        return read_mesh(path)
+        return meshes.read(path)
     except (ValueError, ImportError) as error:
         raise CommandError(f"{str(path)!r}: {error}") from error
     except OSError as error:
@@ -38,10 +38,10 @@ def store_mesh(path: Path, mesh: "Mesh", *, overwrite: bool) -> None:
     Raises:
         CommandError: it cannot be written.
     """
-    from jaxlens.surfaces import save_mesh
+    from jaxlens import meshes
 
     try:
-        save_mesh(path, mesh, overwrite=overwrite)
+        meshes.write(path, mesh, overwrite=overwrite)
     except FileExistsError:
         raise CommandError(f"{str(path)!r} exists; pass --overwrite to replace it") from None
     except (ValueError, ImportError, OSError) as error:

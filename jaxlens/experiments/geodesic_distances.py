@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from jaxlens import meshes
 from jaxlens.experiments.errors import ExperimentError
 from jaxlens.experiments.schema import Surface
 from jaxlens.surfaces import (
@@ -109,8 +110,9 @@ def surface_distances(surface: Surface, folder: Path) -> Distances:
         depth_map, albedo, lit_by = face(height, width), face_albedo(height, width), None
     else:
         try:
-            depth_map, albedo = from_mesh(folder / surface.path, height, width), None
-            lit_by = normals_from_mesh(folder / surface.path, height, width)
+            mesh = meshes.read(folder / surface.path)
+            depth_map, albedo = from_mesh(mesh, height, width), None
+            lit_by = normals_from_mesh(mesh, height, width)
         except (ValueError, OSError, ImportError) as error:
             raise ExperimentError(f"{surface.path}: {error}") from error
     return measure_distances(depth_map, albedo=albedo, normals=lit_by)

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullFormatter, NullLocator
 
 from jaxlens.experiments.geodesic_distances import Convergence, Distances, Way
+from jaxlens.figures.contours import contour_lines
 from jaxlens.figures.pictures import place
 from jaxlens.figures.style import (
     BLUE,
@@ -24,7 +25,6 @@ from jaxlens.figures.style import (
     new_figure,
     plain,
 )
-from jaxlens.surfaces import iso_distance_curves
 
 _TITLE, _GAP, _MARGIN, _BAR = 0.44, 0.08, 0.05, 0.95
 _TITLES = (
@@ -50,7 +50,7 @@ def distance_maps(found: Distances, step: float, unit: str, *, origin: str = "th
     for index, (values, (title, note)) in enumerate(zip(maps, _TITLES, strict=True)):
         axes = place(figure, _MARGIN + index * (side + _GAP), _MARGIN + _TITLE, side, high)
         _draw_faded(axes, found, box)
-        curves = iso_distance_curves(values, levels)
+        curves = contour_lines(values, levels)
         lines = [curve for level in curves for curve in level]
         shades = [colors(norm(level)) for level, several in zip(levels, curves, strict=True) for _ in several]
         axes.add_collection(LineCollection(lines, colors=shades, linewidths=1.1))

@@ -87,9 +87,9 @@ def test_a_lattice_drags_a_mesh(run, mesh, tmp_path):
     assert result.code == 0
     still = FreeForm3D.identity(2, 2, 1)
     dragged = FreeForm3D(still.control_points.at[1, 1, 1].set(np.array([0.5, 0.5, 1.5])))
-    moved = jl.surfaces.read_mesh(output)
+    moved = jl.meshes.read(output)
     box = np.array([2.0, 2.0, 1.0])
-    before = np.asarray(jl.surfaces.read_mesh(mesh).vertices)
+    before = np.asarray(jl.meshes.read(mesh).vertices)
     np.testing.assert_allclose(moved.vertices, np.asarray(dragged(before / box)) * box, atol=1e-5)
     assert "5 vertices, 4 triangles" in result.err
 
@@ -97,7 +97,7 @@ def test_a_lattice_drags_a_mesh(run, mesh, tmp_path):
 def test_a_lens_bends_a_mesh(run, mesh, tmp_path):
     output = tmp_path / "out.ply"
     assert run("deform", mesh, "--kappa", "0.2", "--output", output).code == 0
-    moved = np.asarray(jl.surfaces.read_mesh(output).vertices)
+    moved = np.asarray(jl.meshes.read(output).vertices)
     # A corner lies one half diagonal from the middle.
     np.testing.assert_allclose(moved[0], [-0.2, -0.2, 0], atol=1e-6)
     np.testing.assert_allclose(moved[4], [1, 1, 1], atol=1e-6)

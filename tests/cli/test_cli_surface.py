@@ -9,7 +9,7 @@ import jaxlens as jl
 from jaxlens.cli.surface import Drawing as Offered
 from jaxlens.figures.surfaces import Drawing
 from jaxlens.images import Picture, read_image, write_image
-from jaxlens.surfaces import Mesh, save_mesh
+from jaxlens.surfaces import Mesh
 
 
 @pytest.fixture
@@ -17,7 +17,7 @@ def slope(tmp_path):
     """A plane that rises 3 in 4 to the right, of 5 by 4 units."""
     path = tmp_path / "slope.ply"
     vertices = np.array([[0, 0, 0], [4, 0, 3], [4, 4, 3], [0, 4, 0]], float)
-    save_mesh(path, Mesh(vertices, np.array([[0, 1, 2], [0, 2, 3]])))
+    jl.meshes.write(path, Mesh(vertices, np.array([[0, 1, 2], [0, 2, 3]])))
     return path
 
 
@@ -50,7 +50,7 @@ def test_a_mesh_from_the_front(run, slope, tmp_path):
     assert result.code == 0
     assert read_image(output).pixels.shape == (40, 40)
     values = read_image(depth).pixels
-    expected = jl.surfaces.from_mesh(slope, 40, 40)
+    expected = jl.surfaces.from_mesh(jl.meshes.read(slope), 40, 40)
     np.testing.assert_array_equal(np.isfinite(values), expected.mask)
     depths = np.asarray(expected.depth / expected.spacing[0])
     np.testing.assert_allclose(values[expected.mask], depths[expected.mask], rtol=1e-6)
@@ -63,7 +63,7 @@ def test_distances_on_a_plane_are_straight(run, slope, tmp_path):
     assert result.code == 0
     assert "farthest point    " in result.out
     assert "pixel (20.00, 20.00), as given" in result.out
-    surface = jl.surfaces.from_mesh(slope, 41, 41)
+    surface = jl.surfaces.from_mesh(jl.meshes.read(slope), 41, 41)
     points = np.asarray(surface.points())
     straight = np.linalg.norm(points - points[20, 20], axis=-1)
     for name in ("geodesic.tif", "radial.tif"):
