@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import tifffile
 from PIL import ExifTags, Image, ImageCms, ImageOps, features
-from PIL.TiffImagePlugin import IFDRational
+from PIL.TiffImagePlugin import IFDRational, ImageFileDirectory_v2
 
 import jaxlens.images.writing
 from jaxlens.images import (
@@ -29,7 +29,6 @@ from jaxlens.images import (
     read_image,
     write_image,
 )
-from jaxlens.images.directories import Entry, build_exif
 from jaxlens.images.exif import reset_orientation
 from jaxlens.images.picture import FORMATS
 
@@ -600,45 +599,87 @@ def test_only_the_orientation_changes_in_the_exif(tmp_path):
         assert len(changed) == 1
 
 
+def laid_out(entries, order="<", at=8):
+    """A directory of entries (tag, type, count, value), the value bytes or the entries of another directory."""
+    table, values = struct.pack(order + "H", len(entries)), b""
+    values_at = at + 2 + 12 * len(entries) + 4
+    for tag, kind, count, value in entries:
+        nested = not isinstance(value, bytes)
+        if nested:
+            value = laid_out(value, order, values_at + len(values))
+        inline = value.ljust(4, b"\0")
+        if nested or len(value) > 4:
+            inline = struct.pack(order + "I", values_at + len(values))
+            values += value + b"\0" * (len(value) % 2)
+        table += struct.pack(order + "HHI4s", tag, kind, count, inline)
+    return table + bytes(4) + values
+
+
 def exif_of(*entries, order="<"):
-    return build_exif([Entry(*entry) for entry in entries], order)
+    return (b"II" if order == "<" else b"MM") + struct.pack(order + "HI", 42, 8) + laid_out(entries, order)
+
+
+def typed(block, offset=None, owner=None):
+    """Type and value of each entry of an EXIF block, and of the directories within."""
+    found = ImageFileDirectory_v2(block[:8], group=owner)
+    file = io.BytesIO(block)
+    file.seek(found.next if offset is None else offset)
+    found.load(file)
+    return {
+        tag: typed(block, value, tag) if tag in (34665, 34853, 40965) else (found.tagtype[tag], value)
+        for tag, value in found.items()
+    }
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
-def test_directories_keep_types_and_bytes_through_a_tiff(tmp_path, order):
-    interoperability = Entry(40965, 4, 1, (Entry(1, 2, 4, b"R98\0"),))
+def test_directories_keep_types_and_values_through_a_tiff(tmp_path, order):
     details = (
-        Entry(33434, 5, 1, struct.pack(order + "II", 1, 250)),  # an exposure time, RATIONAL
-        Entry(37380, 10, 1, struct.pack(order + "ii", -1, 3)),  # an exposure bias, SRATIONAL
-        Entry(37500, 7, 5, b"maker"),
-        Entry(40962, 3, 1, struct.pack(order + "H", 640)),
-        interoperability,
+        (33434, 5, 1, struct.pack(order + "II", 1, 250)),  # an exposure time, RATIONAL
+        (37380, 10, 1, struct.pack(order + "ii", -1, 3)),  # an exposure bias, SRATIONAL
+        (37500, 7, 5, b"maker"),
+        (40962, 3, 1, struct.pack(order + "H", 640)),
+        (40965, 4, 1, ((1, 2, 4, b"R98\0"),)),
+        (42036, 2, 10, "50 mm ƒ2\0".encode()),
     )
-    place = (Entry(1, 2, 2, b"N\0"), Entry(2, 5, 3, struct.pack(order + "6I", 51, 1, 30, 1, 25, 2)))
+    place = ((1, 2, 2, b"N\0"), (2, 5, 3, struct.pack(order + "6I", 51, 1, 30, 1, 25, 2)))
     text = "Objektiv & Söhne\0".encode()
     exif = exif_of((271, 2, len(text), text), (34665, 4, 1, details), (34853, 4, 1, place), order=order)
+    expected = typed(exif)
+    assert expected[271] == (2, text[:-1].decode("latin-1"))
     write_image(tmp_path / "a.tif", noise(), metadata=PictureMetadata(exif=exif))
-    assert read_image(tmp_path / "a.tif").metadata.exif == exif
+    kept = read_image(tmp_path / "a.tif").metadata.exif
+    assert kept[:2] == exif[:2]
+    assert typed(kept) == expected
     np.testing.assert_array_equal(tifffile.imread(tmp_path / "a.tif"), noise())
 
 
 def test_exif_whose_entries_share_their_bytes_takes_no_memory(tmp_path):
-    size = 1_000_000
-    table = b"".join(struct.pack("<HHII", 33432, 2, size, 8) for _ in range(60_000))
-    block = b"II*\0\x08\0\0\0" + struct.pack("<H", 60_000) + table + bytes(4 + size)
-    with pytest.warns(UserWarning, match="EXIF is damaged and left out .*more than 16000000 bytes"):
+    size, count = 1_000_000, 60_000
+    table = b"".join(struct.pack("<HHII", tag, 2, size, 8) for tag in range(count))
+    block = b"II*\0\x08\0\0\0" + struct.pack("<H", count) + table + bytes(4 + size)
+    with pytest.warns(UserWarning, match="EXIF is damaged and left out"):
         write_image(tmp_path / "a.tif", noise(), metadata=PictureMetadata(exif=block))
     np.testing.assert_array_equal(read_image(tmp_path / "a.tif").pixels, noise())
+    huge = exif_of((271, 2, 17_000_000, bytes(17_000_000)))
+    with pytest.warns(UserWarning, match="EXIF is damaged and left out .*more than 16000000 bytes"):
+        write_image(tmp_path / "b.tif", noise(), metadata=PictureMetadata(exif=huge))
 
 
 def test_directories_that_hold_themselves_end(tmp_path):
-    block = bytearray(exif_of((34665, 4, 1, (Entry(40965, 4, 1, (Entry(1, 2, 4, b"R98\0"),)),))))
+    block = bytearray(exif_of((34665, 4, 1, ((40965, 4, 1, ((1, 2, 4, b"R98\0"),)),))))
     for place in range(8, len(block) - 12, 2):
         for tag in (34665, 40965):
             if struct.unpack_from("<H", block, place) == (tag,):
                 struct.pack_into("<I", block, place + 8, 8)  # both point back at the main directory
     write_image(tmp_path / "a.tif", noise(), metadata=PictureMetadata(exif=bytes(block)))
     assert read_image(tmp_path / "a.tif").pixels.shape == (11, 13, 3)
+
+
+def test_what_is_whole_of_a_damaged_exif_is_kept(tmp_path):
+    whole = exif_of((271, 2, 6, b"Maker\0"), (272, 2, 8, b"Model 1\0"))
+    with pytest.warns(UserWarning, match="the EXIF is damaged and left out in part"):
+        write_image(tmp_path / "a.tif", noise(), metadata=PictureMetadata(exif=whole[:-4]))
+    assert typed(read_image(tmp_path / "a.tif").metadata.exif) == {271: (2, "Maker")}
 
 
 def test_damaged_exif_is_left_out_of_a_tiff(tmp_path):
@@ -853,11 +894,22 @@ def test_symbolic_links_are_followed(tmp_path):
 
 
 @pytest.mark.parametrize(("suffix", "dtype"), [(".tif", "uint8"), (".png", "uint16")])
-def test_missing_decoder_is_named(tmp_path, monkeypatch, suffix, dtype):
+def test_a_missing_extra_is_named(tmp_path, monkeypatch, suffix, dtype):
     write_image(tmp_path / f"a{suffix}", noise(dtype))
     monkeypatch.setitem(sys.modules, "imagecodecs", None)
-    with pytest.raises(ImageError, match=r"imagecodecs.*; install that package"):
+    with pytest.raises(ImageError, match=r"takes imagecodecs: pip install 'jaxlens\[codecs\]'"):
         read_image(tmp_path / f"a{suffix}")
+    with pytest.raises(ImageError, match=r"takes imagecodecs: pip install 'jaxlens\[codecs\]'"):
+        write_image(tmp_path / "b.png", noise("uint16"))
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32"])
+def test_a_tiff_written_without_the_extra_is_read_without_it(tmp_path, monkeypatch, dtype):
+    monkeypatch.setitem(sys.modules, "imagecodecs", None)
+    write_image(tmp_path / "a.tif", noise(dtype), metadata=PictureMetadata(exif=exif_bytes()))
+    read = read_image(tmp_path / "a.tif")
+    np.testing.assert_array_equal(read.pixels, noise(dtype))
+    assert parsed(read.metadata.exif) == parsed(exif_bytes())
 
 
 # --- writing ---

@@ -2,7 +2,7 @@
 
 This is the edge of the library: NumPy arrays and files, no JAX. Nothing heavy is imported before a file is
 read or written. imageio writes what it can carry; `jaxlens.images.reading` says why reading goes to Pillow,
-tifffile and imagecodecs directly.
+tifffile and imagecodecs (an extra) directly.
 """
 
 from jaxlens.images.picture import DEFAULT_MAX_PIXELS as DEFAULT_MAX_PIXELS

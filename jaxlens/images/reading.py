@@ -43,7 +43,8 @@ def read_image(path: str | os.PathLike[str], *, max_pixels: int = DEFAULT_MAX_PI
 
     Refused, because reading them would guess at colours or lose bits: CMYK, YCbCr and Lab, camera raw,
     premultiplied alpha, undeclared extra channels, 16-bit colour PPM, AVIF of 10 and 12 bits, TIFF compressions
-    other than LZW, Deflate, PackBits and Zstandard.
+    other than LZW, Deflate, PackBits and Zstandard. Those four, and PNG with 16-bit colour or a transparent colour,
+    need the extra `codecs`.
 
     Args:
         path: The file. Symbolic links are followed.
@@ -147,8 +148,6 @@ def _decode(file: BinaryIO, path: Path, max_pixels: int) -> Picture:
 def _reason(error: Exception) -> str:
     if isinstance(error, Warning):  # raised where the user made warnings errors
         return str(error)
-    if isinstance(error, ImportError):
-        return f"{error}; install that package"
     if isinstance(error, PermissionError):
         return "you may not read it; change its permissions"
     if isinstance(error, OSError) and error.errno is not None:

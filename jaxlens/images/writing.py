@@ -49,6 +49,7 @@ def write_image(
     others nothing; a BigTIFF (pixels beyond 4 GB) carries no EXIF. An orientation in the EXIF is written as it is.
     A profile for another number of colours than the pixels have is left out. PNG, TIFF and,
     without `quality`, WebP are lossless. Equal pictures make equal files, with equal versions of the encoders.
+    16-bit PNG with more than one channel needs the extra `codecs`; without it TIFF is not compressed.
 
     The file is written beside its place and renamed when complete (`jaxlens.files.atomic_write`).
 
