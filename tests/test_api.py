@@ -40,6 +40,7 @@ MODULES = {
 
 
 def public_names():
+    assert images.warp  # imported when it is first used, for it takes JAX
     names = {name: getattr(jl, name) for name in jl.__all__ if name not in MODULES}
     for module_name, module in MODULES.items():
         for name, value in vars(module).items():

@@ -8,11 +8,12 @@ import jax
 import numpy as np
 from jaxtyping import Float, Real
 
+from jaxlens import images
 from jaxlens.experiments.config import Configuration
 from jaxlens.experiments.errors import ConfigError, ExperimentError
 from jaxlens.experiments.schema import Crop, Image
 from jaxlens.files import file_sha256
-from jaxlens.images import ImageError, read_image
+from jaxlens.images import ImageError
 from jaxlens.surfaces import face, face_albedo, shade
 
 _LUMA = np.array([0.299, 0.587, 0.114])  # Rec. 601
@@ -84,7 +85,7 @@ def _portrait() -> Path:
 
 def _read(path: Path) -> Real[np.ndarray, "height width *channels"]:
     try:
-        picture = read_image(path)
+        picture = images.read(path)
     except ImageError as error:
         raise ExperimentError(str(error)) from None
     pixels = picture.pixels

@@ -31,7 +31,7 @@ _SIGNATURES: Sequence[tuple[str, re.Pattern[bytes]]] = (
 _HEIF = re.compile(rb".{4}ftyp(hei[cxms]|hev[cxms]|mif1|msf1)", re.DOTALL)
 
 
-def read_image(path: str | os.PathLike[str], *, max_pixels: int = DEFAULT_MAX_PIXELS) -> Picture:
+def read(path: str | os.PathLike[str], *, max_pixels: int = DEFAULT_MAX_PIXELS) -> Picture:
     """Read a picture with its metadata, upright.
 
     Formats: PNG, JPEG, TIFF, BMP, WebP, GIF, PBM/PGM/PPM and, where Pillow is built with it, AVIF, told by their
@@ -60,9 +60,9 @@ def read_image(path: str | os.PathLike[str], *, max_pixels: int = DEFAULT_MAX_PI
 
     Example:
         >>> import numpy as np
-        >>> from jaxlens.images import read_image, write_image
-        >>> write_image("portrait.png", np.zeros((480, 640, 3), np.uint8))
-        >>> picture = read_image("portrait.png")
+        >>> from jaxlens import images
+        >>> images.write("portrait.png", np.zeros((480, 640, 3), np.uint8))
+        >>> picture = images.read("portrait.png")
         >>> picture.pixels.shape, picture.pixels.dtype, picture.has_alpha
         ((480, 640, 3), dtype('uint8'), False)
     """

@@ -8,7 +8,7 @@ import io
 import struct
 import warnings
 from dataclasses import dataclass
-from typing import BinaryIO
+from typing import BinaryIO, Literal
 
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
@@ -36,7 +36,7 @@ class Directory:
     inner: "dict[int, Directory]"
 
     @property
-    def order(self) -> str:
+    def order(self) -> Literal["<", ">"]:
         """The byte order, `"<"` or `">"`."""
         return ">" if self.entries.prefix == b"MM" else "<"
 

@@ -24,7 +24,7 @@ _JPEG_FULL_COLOUR_QUALITY = 90
 _ICC_CHANNELS = {b"GRAY": (1, 2), b"RGB ": (3, 4)}
 
 
-def write_image(
+def write(
     path: str | os.PathLike[str],
     picture: Picture | npt.ArrayLike,
     *,
@@ -67,9 +67,9 @@ def write_image(
 
     Example:
         >>> import numpy as np
-        >>> from jaxlens.images import read_image, write_image
-        >>> write_image("gray.png", np.full((480, 640), 40000, np.uint16))
-        >>> int(read_image("gray.png").pixels.max())
+        >>> from jaxlens import images
+        >>> images.write("gray.png", np.full((480, 640), 40000, np.uint16))
+        >>> int(images.read("gray.png").pixels.max())
         40000
     """
     path = Path(path)

@@ -1,6 +1,7 @@
 """Every metric of a pair of large images, from strips of rows."""
 
 from collections import OrderedDict
+from collections.abc import Callable
 from functools import partial
 
 import jax
@@ -19,7 +20,12 @@ _SAMPLES = 2**20
 
 
 def evaluate_in_strips(
-    reference: Image, image: Image, *, data_range: RealScalar, rows: int | None = None
+    reference: Image,
+    image: Image,
+    *,
+    data_range: RealScalar,
+    rows: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, Float[Array, ""]]:
     """Every metric at once, as `evaluate`, in memory that does not grow with the images.
 
@@ -32,6 +38,7 @@ def evaluate_in_strips(
         image: the same shape.
         data_range: L of `psnr` and `ssim`.
         rows: how many a strip has, without the windows' overlap; by default a million samples' worth.
+        progress: called with the number of rows done, and that of all, after each strip.
 
     Returns:
         As `evaluate`. Not for use under `jax.jit`, and not differentiable.
@@ -61,6 +68,9 @@ def evaluate_in_strips(
         rest = slice(first, last + overlap)
         x, y, _ = check_images(reference[rest], image[rest], None)
         parts.append(_measure(x, y, data_range, (last - first) * (np.size(reference) // height), own=last - first))
+        if progress is not None:
+            jax.block_until_ready(parts[-1])  # what is only asked for is not done
+            progress(last, height)
     columns = {name: jnp.stack([part[name] for part in parts]) for name in parts[0]}
     return _combined(columns, data_range)
 
