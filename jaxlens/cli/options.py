@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, Optional
 
-from tyro.conf import Positional, arg
+from tyro.conf import arg
 from tyro.constructors import PrimitiveConstructorSpec
 
 from jaxlens.cli.messages import UsageError
@@ -104,14 +104,9 @@ def _read_number(word: str, largest: float, nan: bool) -> float:
 Method = Literal["nearest", "bilinear", "bicubic", "bicubic_opencv"]
 Border = Literal["constant", "edge", "reflect", "wrap"]
 
-File = Annotated[Path, Positional, arg(metavar="FILE", help_behavior_hint="")]
 ImageSize = Annotated[
     Optional[str],
-    arg(
-        metavar="WIDTHxHEIGHT",
-        help_behavior_hint="",
-        help="The points are pixels of pictures of this size.",
-    ),
+    arg(metavar="WIDTHxHEIGHT", help_behavior_hint="", help="The points are pixels of pictures of this size."),
 ]
 Kappa = Annotated[Optional[Numbers], numbers("K1 [K2 ...]", largest=1e6), arg(aliases=["-k"], help_behavior_hint="")]
 Lens = Annotated[

@@ -7,7 +7,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Real
+from jaxtyping import Array, ArrayLike, Float, Real
 
 from jaxlens.frames import Frame
 from jaxlens.images.picture import Picture
@@ -31,7 +31,7 @@ def warp(
     shape: tuple[int, int] | None = None,
     method: Method = "bilinear",
     border: Border = "constant",
-    fill: float | Sequence[float] | None = None,
+    fill: ArrayLike | Sequence[float] | None = None,
     antialias: bool = False,
 ) -> Picture:
     """Pulls a picture back through a map, as `jaxlens.warp` does with arrays: `output(p) = picture(mapping(p))`.
@@ -90,7 +90,7 @@ def warp(
                 source,
                 mapping,
                 frame=inner,
-                output_frame=Frame(outer.center - jnp.asarray([0, first], dtype), outer.scale),
+                output_frame=Frame(np.asarray(outer.center) - np.asarray([0, first], dtype), outer.scale),
                 shape=(rows, width),
                 method=method,
                 border=border,
@@ -152,7 +152,7 @@ def _straight(
     return straight.astype(dtype)
 
 
-def _fill_values(picture: Picture, fill: float | Sequence[float] | None, full: float) -> np.ndarray:
+def _fill_values(picture: Picture, fill: ArrayLike | Sequence[float] | None, full: float) -> np.ndarray:
     """One fill value for each channel; without any, black or transparent."""
     channels = picture.pixels.shape[2] if picture.pixels.ndim == 3 else 1
     if fill is None:
