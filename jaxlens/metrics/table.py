@@ -96,7 +96,7 @@ METRICS: dict[str, Metric] = {
     ),
     "minkowski": Metric(
         partial(minkowski, p=MINKOWSKI_P),
-        "Minkowski distance",
+        "Minkowski",
         _GRAY,
         f"Minkowski distance, p = {MINKOWSKI_P:g} (Eq. 7)",
         from_totals=lambda totals: totals.minkowski,
