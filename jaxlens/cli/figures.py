@@ -20,7 +20,7 @@ def save_figure(path: Path, figure: "Figure", *, overwrite: bool) -> None:
 
     try:
         with atomic_write(path, overwrite=overwrite) as temporary, style():
-            save(figure, temporary.parent, temporary.stem)
+            save(figure, temporary)
     except FileExistsError:
         raise CommandError(f"{str(path)!r} exists; pass --overwrite to replace it") from None
     except OSError as error:

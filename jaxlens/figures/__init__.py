@@ -1,1 +1,1 @@
-"""What draws, for experiments and the command line: deterministic files, colours that the colour-blind can tell apart."""
+"""What draws, for experiments and the command line: deterministic files, colours that colour-blind people can tell."""
