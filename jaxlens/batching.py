@@ -7,10 +7,13 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.core import max_dim, min_dim
 from jax.custom_batching import custom_vmap
 
 # Elements from which the members of a batch take turns.
 _LARGE = 1 << 15
+# Elements of a part.
+_PART = 1 << 16
 
 
 def in_turns(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -71,3 +74,27 @@ def in_turns_if_large(function: Callable[[Any], Any], batch: Any, elements: int)
     """
     large = not isinstance(elements, int) or elements >= _LARGE
     return lax.map(function, batch) if large and jax.device_count() == 1 else jax.vmap(function)(batch)
+
+
+def in_parts(function: Callable[..., Any], *planes: jax.Array) -> Any:
+    """Applies a pointwise function to planes part by part, so that its temporary memory is that of a part.
+
+    XLA reserves that of every branch, taken or not; and where all of it passes 32 MB, the C library gives it back to
+    the system after each call: to be given new pages then costs more than the arithmetic.
+    """
+    shape = planes[0].shape
+    count = math.prod(shape)
+    if isinstance(count, int) and count <= _PART:
+        return function(*planes)
+    size = min_dim(_PART, count)
+    flat = [plane.reshape(count) for plane in planes]
+    results = jax.eval_shape(function, *(lax.slice(plane, (0,), (size,)) for plane in flat))
+
+    def step(part, wholes):
+        begin = jnp.minimum(part * size, count - size)  # the last part overlaps the one before
+        found = function(*(lax.dynamic_slice(plane, (begin,), (size,)) for plane in flat))
+        return jax.tree.map(lambda whole, new: lax.dynamic_update_slice(whole, new, (begin,)), wholes, found)
+
+    wholes = jax.tree.map(lambda result: jnp.zeros(count, result.dtype), results)
+    wholes = lax.fori_loop(0, -(-count // max_dim(size, 1)), step, wholes)
+    return jax.tree.map(lambda whole: whole.reshape(shape), wholes)

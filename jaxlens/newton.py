@@ -21,7 +21,7 @@ from jaxlens.numerics import epsilon
 
 # Steps taken in registers, unguarded, before anything is written to memory. From the starts used here they reach the
 # last bits for all but a few per mille of the points; the rest are solved again with every safeguard.
-_FUSED_STEPS = {2: 4, 4: 6, 8: 7}  # by bytes of the dtype
+_FUSED_STEPS = {2: 2, 4: 2, 8: 3}  # by bytes of the dtype
 # In units in the last place: the residual at which an iteration stops, and the one that rounding alone can leave where
 # the terms of a function cancel.
 _ROOT_ULPS = 8.0

@@ -15,7 +15,7 @@ from jaxlens import deformations
 def exported_maps():
     """The concrete classes that map points and invert, by name, wherever the package exports them."""
     found = {}
-    for module in (jl, *(getattr(jl, name) for name in jl._MODULES)):
+    for module in (jl, *(getattr(jl, name) for name in jl.__all__ if inspect.ismodule(getattr(jl, name)))):
         for name in dir(module):
             value = getattr(module, name)
             public = inspect.isclass(value) and not name.startswith("_") and value.__module__.startswith("jaxlens.")

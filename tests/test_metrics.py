@@ -689,3 +689,18 @@ def test_strips_that_cannot_be():
         metrics.evaluate_in_strips(np.zeros((4, 4)), np.zeros((4, 4)), data_range=1.0, rows=0)
     with pytest.raises(ValueError, match="holds no pixels"):
         metrics.evaluate_in_strips(np.zeros((0, 4)), np.zeros((0, 4)), data_range=1.0)
+
+
+def largest_error(reference, image, *, mask=None):
+    return metrics.minkowski(reference, image, p=np.inf, mask=mask)
+
+
+def test_a_new_metric_is_a_function_and_a_row(monkeypatch, x32):
+    reference = np.arange(24.0).reshape(4, 6)
+    before = metrics.evaluate(reference, reference / 2, data_range=255)
+    row = metrics.Metric(largest_error, "largest error", "gray levels", "the largest of the errors")
+    monkeypatch.setitem(metrics.METRICS, "largest", row)
+    for evaluate in (metrics.evaluate, metrics.evaluate_in_strips):
+        scores = evaluate(reference, reference / 2, data_range=255)
+        assert list(scores) == [*before, "largest"]
+        assert float(scores["largest"]) == 11.5

@@ -32,18 +32,6 @@ Examples:
   jaxlens compare portrait.png restored.png
   jaxlens compare portrait.tif restored.tif --data-range 1.0 --json"""
 
-_MEANINGS = {
-    "snr": ("signal-to-noise ratio, Σx² / Σ(x − y)²", "dB"),
-    "psnr": ("peak signal-to-noise ratio (Eq. 8)", "dB"),
-    "rmse": ("root of the mean squared error", "gray levels"),
-    "mae": ("mean absolute error", "gray levels"),
-    "mse": ("mean squared error (Eq. 6)", "gray levels²"),
-    "range_snr": ("signal-to-noise ratio by range (Eq. 12)", "dB"),
-    "uqi": ("universal quality index", "1 = equal"),
-    "ssim": ("structural similarity", "1 = equal"),
-    "minkowski": ("Minkowski distance, p = 4 (Eq. 7)", "gray levels"),
-}
-
 
 @dataclass(frozen=True)
 class Arguments:
@@ -157,14 +145,15 @@ def _print_table(arguments: Arguments, picture: "Picture", data_range: float, sc
     from rich.console import Console
     from rich.table import Table
 
+    from jaxlens.metrics import METRICS
+
     table = Table(box=None, pad_edge=False, header_style="bold")
     table.add_column("metric")
     table.add_column("value", justify="right")
     table.add_column("unit")
     table.add_column("meaning")
     for name, score in scores.items():
-        meaning, unit = _MEANINGS.get(name, ("", ""))
-        table.add_row(name, f"{score:.6g}", unit, meaning)
+        table.add_row(name, f"{score:.6g}", METRICS[name].unit, METRICS[name].meaning)
     console = Console(markup=False, highlight=False, soft_wrap=True)
     # Captured, for rich would end the process by itself where the reader has stopped reading.
     with console.capture() as text:

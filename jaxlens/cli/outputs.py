@@ -166,7 +166,7 @@ def write_figure(path: Path, figure: "Figure", *, overwrite: bool) -> None:
     from jaxlens.files import atomic_write
 
     with _writing(path), atomic_write(path, overwrite=overwrite) as temporary, style():
-        save(figure, temporary.parent, temporary.stem)
+        save(figure, temporary)
 
 
 def write_text(path: Path, text: str, *, overwrite: bool) -> None:

@@ -16,7 +16,8 @@ What it does:
   Results that are up to date stay: same configuration, inputs, source and
   package versions, and no file changed. What fails or lacks an input is named,
   and the others are done. Interrupted, it goes on from there the next time.
-  The page, index.html in the results' folder, holds all that it shows.
+  The page, index.html in the results' folder, links the figures beside it;
+  with --self-contained it holds them, and can be sent alone.
 
 Examples:
   jaxlens reproduce experiments/
@@ -46,6 +47,9 @@ class Arguments:
     force: Annotated[bool, arg(help_behavior_hint="")] = False
     """Run them even if their results are up to date."""
 
+    self_contained: Annotated[bool, arg(help_behavior_hint="")] = False
+    """Put the figures into the page, instead of links to them."""
+
 
 def run(arguments: Arguments) -> int:
     """Runs the command; returns the exit code."""
@@ -61,6 +65,7 @@ def run(arguments: Arguments) -> int:
             output=arguments.output,
             only=arguments.only,
             force=arguments.force,
+            self_contained=arguments.self_contained,
             console=Console(highlight=False),
         )
     except experiments.ConfigError as error:

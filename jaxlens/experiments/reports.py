@@ -12,7 +12,6 @@ from rich.text import Text
 from jaxlens.experiments import paper
 
 _DECIMALS = {"snr": 3, "psnr": 3, "rmse": 3, "mae": 3}
-_TITLES = {"snr": "SNR\ndB", "psnr": "PSNR\ndB", "rmse": "RMSE\ngray levels", "mae": "MAE\ngray levels"}
 # A longer table shows the paper's lenses only.
 _MOST_ROWS = 12
 _UNPUBLISHED = (
@@ -32,11 +31,14 @@ def new_table(title: str) -> Table:
 
 def comparison(kappa: np.ndarray, scores: Mapping[str, np.ndarray], *, peak: float, title: str) -> list[RenderableType]:
     """Returns the table of ours beside the paper's, its footnote, and the identities of both."""
+    # With JAX behind it, for which the other tables need not wait.
+    from jaxlens.metrics import METRICS
+
     table = new_table(title)
     table.add_column("κ1, κ2", vertical="top")
     table.add_column("")
     for metric in paper.METRICS:
-        table.add_column(_TITLES[metric], justify="right")
+        table.add_column(f"{METRICS[metric].label}\n{METRICS[metric].unit}", justify="right")
     copied = False
     for index, one in enumerate(kappa):
         row = paper.row_of([float(value) for value in one])

@@ -74,6 +74,7 @@ def reproduce(
     console: Console | None = None,
     progress: Console | None = None,
     quiet: bool = False,
+    self_contained: bool = False,
 ) -> Reproduction:
     """Runs experiments whose results are not up to date, and writes one page of all results.
 
@@ -94,6 +95,7 @@ def reproduce(
         console: Where the summary is printed; stdout by default.
         progress: Where it is told what is going on; stderr by default.
         quiet: Print neither.
+        self_contained: Have the page hold its figures, so that it can be sent alone; else it links them.
 
     Returns:
         What became of each experiment.
@@ -120,7 +122,7 @@ def reproduce(
         if step.state != "left out":
             progress.print(Text(_line(step)))
         steps.append(step)
-    write_page(output / PAGE, [_section(step) for step in steps])
+    write_page(output / PAGE, [_section(step) for step in steps], embed=self_contained)
     console.print(_summary(steps))
     console.print(Text(f"{output / PAGE}: {(output / PAGE).stat().st_size / 1e6:.1f} MB"), soft_wrap=True)
     return Reproduction(tuple(steps), output / PAGE)

@@ -1,1 +1,1 @@
-"""What draws, for experiments and command line: files that never vary, colours that the colour-blind tell apart."""
+"""What draws, for experiments and the command line: deterministic files, colours that colour-blind people can tell."""

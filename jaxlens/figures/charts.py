@@ -11,8 +11,8 @@ from matplotlib.ticker import MaxNLocator
 
 from jaxlens.experiments import paper
 from jaxlens.figures.style import BLUE, VERMILLION, WIDTH, new_figure, pair_label
+from jaxlens.metrics import METRICS
 
-UNITS = {"snr": "dB", "psnr": "dB", "rmse": "gray levels", "mae": "gray levels", "ssim": ""}
 # A lens of Table 1 on a heat map.
 _DOT = {
     "marker": "o",
@@ -27,8 +27,8 @@ _HEAT = ("psnr", "rmse", "mae", "ssim")
 
 def heading(metric: str) -> str:
     """Returns a metric's name with its unit."""
-    unit = UNITS[metric]
-    return f"{metric.upper()}  [{unit}]" if unit else metric.upper()
+    known = METRICS[metric]
+    return f"{known.label}  [{known.unit}]" if known.unit else known.label
 
 
 def metric_chart(kappa: np.ndarray, scores: Mapping[str, np.ndarray], *, compare: bool) -> Figure:

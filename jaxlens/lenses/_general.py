@@ -1,5 +1,7 @@
 """The inverse of any lens, from nothing but `distort`: Newton's iteration inside the region where it is one-to-one."""
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import jax
@@ -7,14 +9,15 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int8
 
-from jaxlens.batching import in_turns
+from jaxlens.batching import in_parts, in_turns
+from jaxlens.lenses._first_guess import first_guess
 from jaxlens.lenses._region import PlaneMap, Region, find_region
 from jaxlens.maps import InverseStatus
-from jaxlens.newton import complete, derivatives, determinant, solve_points, value_and_jacobian
+from jaxlens.newton import complete, determinant, solve_points, value_and_jacobian
 from jaxlens.numerics import epsilon, join, split
 
-# Steps taken in registers, unguarded; what they leave unfinished is solved again with every safeguard.
-_FUSED_STEPS = {4: 5, 8: 6}  # by bytes of the dtype
+# Steps that the points of a part take together; those that are left are solved again with every safeguard.
+_WHOLE_STEPS = 4
 # In units in the last place: the residual at which a fused iteration has ended.
 _ROOT_ULPS = 8.0
 
@@ -30,7 +33,7 @@ def lies_inside(lens: Any, x: Plane, y: Plane) -> Bool[Array, "*batch"]:
         return region.contains(x, y, determinant(value_and_jacobian(lens.distort, join(x, y))[1]))
 
     surely = jnp.all(region.surely(x, y))
-    return lax.cond(surely, lambda x, y: jnp.ones(x.shape, bool), by_its_place, x, y)
+    return lax.cond(surely, lambda x, y: jnp.ones(x.shape, bool), partial(in_parts, by_its_place), x, y)
 
 
 @in_turns
@@ -40,40 +43,57 @@ def solve(lens: Any, x: Plane, y: Plane) -> tuple[Plane, Plane, Int8[Array, "*ba
     A point beyond the image of the region gets the origin.
     """
     function: PlaneMap = lens.distort
-    shape = x.shape
-    target = x.ravel(), y.ravel()
     region = find_region(function, jnp.zeros(2, x.dtype))
     image = function(region.center)
-    beyond = region.beyond(target[0] - image[0], target[1] - image[1])
-    root = _start(function, region, target[0] - image[0], target[1] - image[1])
-    for _ in range(_FUSED_STEPS[x.dtype.itemsize]):
-        root = _newton_step(function, root, target)
-    # As one complex number: of two results the compiler would compute each by a loop of its own, with all the steps.
-    number = lax.optimization_barrier(lax.complex(*root))
-    root = jnp.real(number), jnp.imag(number)
+    ratio = _radial_guess(function, region, x - image[0], y - image[1])
 
-    def settled(root, target):
-        value = split(function(join(*root)))
-        miss = jnp.maximum(jnp.abs(value[0] - target[0]), jnp.abs(value[1] - target[1]))
-        size = jnp.maximum(jnp.abs(target[0]), jnp.abs(target[1]))
-        size = jnp.maximum(size, jnp.maximum(jnp.abs(root[0]), jnp.abs(root[1])))
-        return (miss <= _ROOT_ULPS * epsilon(size.dtype) * size) & region.surely(*root)
+    def solve_part(x: Plane, y: Plane) -> tuple[Plane, Plane, Int8[Array, "*batch"]]:
+        x, y, shape = x.ravel(), y.ravel(), x.shape
+        target = x, y
+        beyond = region.beyond(x - image[0], y - image[1])
+        right, up = x - image[0], y - image[1]
+        scale = ratio(jnp.sqrt(right * right + up * up))
+        start = region.center[0] + right * scale, region.center[1] + up * scale
 
-    done = settled(root, target) | beyond
-    status = jnp.where(beyond, InverseStatus.NO_PREIMAGE, InverseStatus.CONVERGED).astype(jnp.int8)
+        def unfinished(state):
+            steps, _, done = state
+            return (steps < _WHOLE_STEPS) & ~jnp.all(done)
 
-    def solve_some(places: Array) -> tuple[Plane, Plane, Int8[Array, " batch"]]:
-        goal = join(*(plane.at[places].get(mode="fill", fill_value=0) for plane in target))
-        goal = jnp.where((places < x.size)[..., None], goal, image[None])
-        start = jnp.broadcast_to(region.center, goal.shape)
-        found, converged, blocked = solve_points(
-            function, goal, start, admissible=lambda points, size: region.contains(*split(points), size)
-        )
-        reason = jnp.where(blocked, InverseStatus.NO_PREIMAGE, InverseStatus.NOT_CONVERGED)
-        return *split(found), jnp.where(converged, InverseStatus.CONVERGED, reason).astype(jnp.int8)
+        def body(state):
+            steps, root, done = state
+            moved = _newton_step(function, root, target)
+            # As one complex number: of two results the compiler would compute each by a loop of its own.
+            number = lax.optimization_barrier(
+                lax.complex(*(jnp.where(done, *pair) for pair in zip(root, moved, strict=True)))
+            )
+            root = jnp.real(number), jnp.imag(number)
+            return steps + 1, root, beyond | is_settled(root)
 
-    root_x, root_y, status = complete((*root, status), ~done, solve_some)
-    return root_x.reshape(shape), root_y.reshape(shape), status.reshape(shape)
+        def is_settled(root):
+            value = split(function(join(*root)))
+            miss = jnp.maximum(jnp.abs(value[0] - x), jnp.abs(value[1] - y))
+            size = jnp.maximum(jnp.maximum(jnp.abs(x), jnp.abs(y)), jnp.maximum(jnp.abs(root[0]), jnp.abs(root[1])))
+            return (miss <= _ROOT_ULPS * epsilon(size.dtype) * size) & region.surely(*root)
+
+        _, root, done = lax.while_loop(unfinished, body, (0, start, beyond))
+        status = jnp.where(beyond, InverseStatus.NO_PREIMAGE, InverseStatus.CONVERGED).astype(jnp.int8)
+
+        def solve_some(places: Array) -> tuple[Plane, Plane, Int8[Array, " batch"]]:
+            goal = join(*(plane.at[places].get(mode="fill", fill_value=0) for plane in target))
+            goal = jnp.where((places < x.size)[..., None], goal, image[None])
+            found, converged, blocked = solve_points(
+                function,
+                goal,
+                jnp.broadcast_to(region.center, goal.shape),
+                admissible=lambda points, size: region.contains(*split(points), size),
+            )
+            reason = jnp.where(blocked, InverseStatus.NO_PREIMAGE, InverseStatus.NOT_CONVERGED)
+            return *split(found), jnp.where(converged, InverseStatus.CONVERGED, reason).astype(jnp.int8)
+
+        solved = complete((*root, status), ~done, solve_some)
+        return tuple(plane.reshape(shape) for plane in solved)
+
+    return in_parts(solve_part, x, y)
 
 
 def _newton_step(function: PlaneMap, root: tuple[Plane, Plane], target: tuple[Plane, Plane]) -> tuple[Plane, Plane]:
@@ -90,25 +110,13 @@ def _newton_step(function: PlaneMap, root: tuple[Plane, Plane], target: tuple[Pl
     return root[0] - (vy * u - uy * v) * inverse, root[1] - (ux * v - vx * u) * inverse
 
 
-def _start(function: PlaneMap, region: Region, x: Plane, y: Plane) -> tuple[Plane, Plane]:
-    """First guesses for observed points at offsets (x, y) from the image of the centre.
-
-    The points themselves, if the lens never folds. Else, near the nearest fold r ≈ edge − C (fold − ρ)²: a cubic in
-    √(1 − r / edge) that agrees with the lens to first order at centre and fold.
-    """
+def _radial_guess(function: PlaneMap, region: Region, x: Plane, y: Plane) -> Callable[[Plane], Plane]:
+    """Returns `first_guess` along the ray of the nearest fold, for observed points at offsets (x, y)."""
     nearest = jnp.argmin(region.edges)
-    folds = jnp.isfinite(region.edges[nearest])
-    fold, edge = (jnp.where(folds, radii[nearest], 1) for radii in (region.edges, region.observed))
-    ray = region.rays[nearest]
+    ray, image = region.rays[nearest], function(region.center)
 
-    def observed_radius(radius):
-        return jnp.sqrt(jnp.sum((function(region.center + radius * ray) - function(region.center)) ** 2))
+    def radius(ideal):
+        x, y = split(function(join(region.center[0] + ideal * ray[0], region.center[1] + ideal * ray[1])))
+        return jnp.sqrt((x - image[0]) ** 2 + (y - image[1]) ** 2)
 
-    curvature = -0.5 * derivatives(observed_radius, fold)[2]
-    bend = jnp.sqrt(edge / jnp.maximum(curvature, 0.25 * edge / fold**2)) / fold
-    slope = 3 - 2 * bend - 2 * edge / fold
-    radius = jnp.sqrt(x * x + y * y)
-    root = jnp.sqrt(jnp.maximum(1 - radius / edge, 0))
-    share = jnp.clip(1 - root * (bend + root * (slope + root * (1 - bend - slope))), 0, 1)
-    scale = jnp.where(folds, jnp.where(radius > 0, fold * share / jnp.where(radius > 0, radius, 1), 1), 1)
-    return region.center[0] + x * scale, region.center[1] + y * scale
+    return first_guess(radius, region.edges[nearest], region.observed[nearest], jnp.sqrt(x * x + y * y))

@@ -11,10 +11,11 @@ from jax import lax
 from jaxtyping import Array, ArrayLike, Bool, Float, Int8, PyTree
 
 from jaxlens.batching import in_turns
+from jaxlens.lenses._first_guess import first_guess
 from jaxlens.lenses._general import lies_inside, solve
 from jaxlens.lenses._region import find_region
 from jaxlens.maps import CoordinateMap, Inverse, InverseStatus, inverse_status
-from jaxlens.newton import derivatives, implicit_point_root, implicit_root, is_root, solve_increasing
+from jaxlens.newton import implicit_point_root, implicit_root, is_root, solve_increasing
 from jaxlens.numerics import as_floating, as_points, jitted, join, split
 
 
@@ -265,20 +266,9 @@ def _solve(
     lens: RadialLens, squared: Float[Array, "*batch"], fold: Float[Array, ""], edge: Float[Array, ""]
 ) -> Float[Array, "*batch"]:
     """Solves ρ Φ(ρ²) = √s, without derivatives, for s up to the edge; the rest get the fold."""
-    folds = jnp.isfinite(fold)
-    fold_safe, edge_safe = jnp.where(folds, fold, 1), jnp.where(folds, edge, 1)
-    # Near the fold r ≈ edge − C (fold − ρ)²: a cubic in √(1 − r / edge) that agrees with the solution to first
-    # order at both ends lets Newton start within its fast region up to the fold itself.
-    curvature = -0.5 * derivatives(lens.radius, fold_safe)[2]
-    bend = jnp.sqrt(edge_safe / jnp.maximum(curvature, 0.25 * edge_safe / fold_safe**2)) / fold_safe
-    slope = 3 - 2 * bend - 2 * edge_safe / fold_safe
-
-    def start(radius):
-        root = jnp.sqrt(jnp.maximum(1 - radius / edge_safe, 0))
-        share = 1 - root * (bend + root * (slope + root * (1 - bend - slope)))
-        return jnp.where(folds, fold_safe * jnp.clip(share, 0, 1), radius)
-
-    return solve_increasing(lens.radius_and_slope, jnp.sqrt(jnp.minimum(squared, edge * edge)), start, fold)
+    radii = jnp.sqrt(jnp.minimum(squared, edge * edge))
+    ratio = first_guess(lens.radius, fold, edge, radii)
+    return solve_increasing(lens.radius_and_slope, radii, lambda radii: radii * ratio(radii), fold)
 
 
 @jax.custom_jvp

@@ -13,3 +13,6 @@ from jaxlens.metrics.structural import ssim as ssim
 from jaxlens.metrics.structural import uqi as uqi
 from jaxlens.metrics.structural import uqi_components as uqi_components
 from jaxlens.metrics.summary import evaluate as evaluate
+from jaxlens.metrics.table import METRICS as METRICS
+from jaxlens.metrics.table import Metric as Metric
+from jaxlens.metrics.totals import Totals as Totals

@@ -9,11 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxlens.metrics.decibels import decibels
 from jaxlens.metrics.inputs import Image, RealScalar, check_data_range, check_images, check_shapes
-from jaxlens.metrics.pointwise import mae, minkowski, mse
-from jaxlens.metrics.structural import SSIM_SIGMA, UQI_WINDOW, gaussian_size, ssim, uqi
-from jaxlens.metrics.summary import MINKOWSKI_P
+from jaxlens.metrics.table import METRICS, Metric
+from jaxlens.metrics.totals import Totals, totals_of, totals_of_all
 
 # A strip's samples: some twenty planes of them are in memory at once.
 _SAMPLES = 2**20
@@ -27,10 +25,11 @@ def evaluate_in_strips(
     rows: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, Float[Array, ""]]:
-    """Every metric at once, as `evaluate`, in memory that does not grow with the images.
+    """Every metric of the table `METRICS` at once, as `evaluate`, in memory that does not grow with the images.
 
     The pointwise metrics are made of sums, extremes and moments of the strips; windows that lie on two strips are
-    seen by both, and counted by the upper one. Nothing but the order of the sums differs from `evaluate`.
+    seen by both, and counted by the upper one. Nothing but the order of the sums differs from `evaluate`. Only a metric
+    of your own that says neither how it follows from sums nor a window is measured on the whole images.
 
     Args:
         reference: `(H, W)` or `(H, W, C)`, any real dtype. NumPy arrays stay where they are; a strip at a time is given
@@ -61,75 +60,56 @@ def evaluate_in_strips(
         raise ValueError(f"rows is {rows}; a strip has at least 1.")
     reference, image = (one if isinstance(one, jax.Array) else np.asarray(one) for one in (reference, image))
     height = len(reference)
-    overlap = max(gaussian_size(SSIM_SIGMA), UQI_WINDOW) - 1
+    metrics = tuple(METRICS.items())
+    overlap = max(1, *(metric.window for _, metric in metrics)) - 1
     parts = []
     for first in range(0, height, rows):
         last = min(first + rows, height)
         rest = slice(first, last + overlap)
         x, y, _ = check_images(reference[rest], image[rest], None)
-        parts.append(_measure(x, y, data_range, (last - first) * (np.size(reference) // height), own=last - first))
+        samples = (last - first) * (np.size(reference) // height)
+        parts.append(_measure(x, y, data_range, samples, own=last - first, metrics=metrics))
         if progress is not None:
             jax.block_until_ready(parts[-1])  # what is only asked for is not done
             progress(last, height)
-    columns = {name: jnp.stack([part[name] for part in parts]) for name in parts[0]}
-    return _combined(columns, data_range)
+    strips, windows = jax.tree.map(lambda *values: jnp.stack(values), *parts)
+    scores = _combined(strips, windows, metrics=metrics)
+    return OrderedDict(
+        (name, scores[name] if name in scores else metric(reference, image, data_range=data_range))
+        for name, metric in metrics
+    )
 
 
-@partial(jax.jit, static_argnames="own")
+@partial(jax.jit, static_argnames=("own", "metrics"))
 def _measure(
-    reference: Array, image: Array, data_range: RealScalar, samples: RealScalar, *, own: int
+    reference: Array,
+    image: Array,
+    data_range: RealScalar,
+    samples: RealScalar,
+    *,
+    own: int,
+    metrics: tuple[tuple[str, Metric], ...],
+) -> tuple[Totals, dict[str, tuple[Array, Array]]]:
+    """What the metrics are made of, for one strip, of whose rows `own`, with so many samples, are its own.
+
+    Of metrics with windows it is the sum over the windows that begin in these rows, and how many they are.
+    """
+    totals = totals_of(reference[:own], image[:own], samples, data_range)
+    windows = {}
+    for name, metric in metrics:
+        if metric.window:
+            both = reference[: own + metric.window - 1], image[: own + metric.window - 1]
+            high, wide = (max(0, side - metric.window + 1) for side in both[0].shape[:2])
+            count = jnp.asarray(high * wide, totals.samples.dtype)
+            windows[name] = (metric(*both, data_range=data_range) * count if high * wide else count), count
+    return totals, windows
+
+
+@partial(jax.jit, static_argnames="metrics")
+def _combined(
+    strips: Totals, windows: dict[str, tuple[Array, Array]], *, metrics: tuple[tuple[str, Metric], ...]
 ) -> dict[str, Array]:
-    """What the metrics are made of, for one strip, of whose rows `own`, with so many samples, are its own."""
-    x, y = reference[:own], image[:own]
-    noise = mse(x, y)
-    floating = noise.dtype
-    error = x.astype(floating) - y.astype(floating)
-    # By a number that is not known before: XLA multiplies by the inverse of others, and rounds.
-    samples = jnp.asarray(samples, floating)
-    mean = jnp.sum(error) / samples
-    measured = {
-        "samples": samples,
-        "signal": mse(x, jnp.zeros_like(x)),
-        "noise": noise,
-        "mae": mae(x, y),
-        "mean": mean,
-        "variance": jnp.sum((error - mean) ** 2) / samples,
-        "low": jnp.min(x).astype(floating),
-        "high": jnp.max(x).astype(floating),
-        "minkowski": minkowski(x, y, p=MINKOWSKI_P),
-    }
-    for name, size, metric in (
-        ("uqi", UQI_WINDOW, uqi),
-        ("ssim", gaussian_size(SSIM_SIGMA), partial(ssim, data_range=data_range)),
-    ):
-        both = reference[: own + size - 1], image[: own + size - 1]
-        fits = min(both[0].shape[:2]) >= size
-        windows = (both[0].shape[0] - size + 1) * (x.shape[1] - size + 1) if fits else 0
-        measured[f"{name} windows"] = jnp.asarray(windows, floating)
-        measured[name] = metric(*both) if fits else jnp.zeros((), floating)
-    return measured
-
-
-@jax.jit
-def _combined(parts: dict[str, Array], data_range: RealScalar) -> "OrderedDict[str, Array]":
-    samples = parts["samples"]
-
-    def mean(values: Array, weights: Array = samples) -> Array:
-        return jnp.sum(values * weights) / jnp.sum(weights)
-
-    noise, error = mean(parts["noise"]), mean(parts["mean"])
-    # The spread within the strips and that of their means.
-    variance = mean(parts["variance"] + (parts["mean"] - error) ** 2)
-    span = jnp.max(parts["high"]) - jnp.min(parts["low"])
-    scores: OrderedDict[str, Array] = OrderedDict()
-    scores["snr"] = decibels(mean(parts["signal"]), noise)
-    scores["psnr"] = decibels(jnp.asarray(data_range, noise.dtype) ** 2, noise)
-    scores["rmse"] = jnp.sqrt(noise)
-    scores["mae"] = mean(parts["mae"])
-    scores["mse"] = noise
-    scores["range_snr"] = decibels(span**2, variance)
+    totals = totals_of_all(strips)
+    scores = {name: metric.from_totals(totals) for name, metric in metrics if metric.from_totals is not None}
     # Without any window 0 / 0, which is NaN as it should be.
-    scores["uqi"] = mean(parts["uqi"], parts["uqi windows"])
-    scores["ssim"] = mean(parts["ssim"], parts["ssim windows"])
-    scores["minkowski"] = minkowski(parts["minkowski"][None], jnp.zeros_like(parts["minkowski"])[None], p=MINKOWSKI_P)
-    return scores
+    return scores | {name: jnp.sum(sums) / jnp.sum(counts) for name, (sums, counts) in windows.items()}

@@ -1,22 +1,19 @@
 """Every metric of a pair of images at once."""
 
 from collections import OrderedDict
+from functools import partial
 
 import jax
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jaxlens.metrics.inputs import Image, Mask, RealScalar, check_data_range, check_images
-from jaxlens.metrics.pointwise import mae, minkowski, mse, psnr, range_snr, rmse, snr
-from jaxlens.metrics.structural import SSIM_SIGMA, UQI_WINDOW, gaussian_size, ssim, uqi
-
-MINKOWSKI_P = 4.0
+from jaxlens.metrics.table import METRICS, Metric
 
 
 def evaluate(
     reference: Image, image: Image, *, data_range: RealScalar, mask: Mask | None = None
 ) -> dict[str, Float[Array, ""]]:
-    """Every metric at once, each with its defaults.
+    """Every metric of the table `METRICS` at once, each with its defaults.
 
     Args:
         reference: `(H, W)` or `(H, W, C)`, any real dtype.
@@ -41,23 +38,17 @@ def evaluate(
         (20.0, 0.1)
     """
     check_data_range(data_range)
-    return _evaluate(*check_images(reference, image, mask), data_range)
+    return _evaluate(*check_images(reference, image, mask), data_range, metrics=tuple(METRICS.items()))
 
 
-@jax.jit
-def _evaluate(reference: Array, image: Array, mask: Array | None, data_range: RealScalar) -> "OrderedDict[str, Array]":
-    side = min(reference.shape[:2])
-    mean_square = mse(reference, image, mask=mask)
-    missing = jnp.full((), jnp.nan, mean_square.dtype)
-    scores: OrderedDict[str, Array] = OrderedDict()
-    scores["snr"] = snr(reference, image, mask=mask)
-    scores["psnr"] = psnr(reference, image, data_range=data_range, mask=mask)
-    scores["rmse"] = rmse(reference, image, mask=mask)
-    scores["mae"] = mae(reference, image, mask=mask)
-    scores["mse"] = mean_square
-    scores["range_snr"] = range_snr(reference, image, mask=mask)
-    scores["uqi"] = uqi(reference, image, mask=mask) if side >= UQI_WINDOW else missing
-    fits = side >= gaussian_size(SSIM_SIGMA)
-    scores["ssim"] = ssim(reference, image, data_range=data_range, mask=mask) if fits else missing
-    scores["minkowski"] = minkowski(reference, image, p=MINKOWSKI_P, mask=mask)
-    return scores
+# The table is an argument, for it may have grown since the last call.
+@partial(jax.jit, static_argnames="metrics")
+def _evaluate(
+    reference: Array,
+    image: Array,
+    mask: Array | None,
+    data_range: RealScalar,
+    *,
+    metrics: tuple[tuple[str, Metric], ...],
+) -> "OrderedDict[str, Array]":
+    return OrderedDict((name, metric(reference, image, data_range=data_range, mask=mask)) for name, metric in metrics)

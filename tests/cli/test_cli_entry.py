@@ -1,5 +1,4 @@
 import ast
-import importlib
 import itertools
 import json
 import os
@@ -276,25 +275,6 @@ def test_choices_are_those_of_the_library():
 def test_the_limit_named_in_the_help(run):
     assert DEFAULT_MAX_PIXELS == 200_000_000
     assert "200 million" in run("distort", "--help").out
-
-
-def test_public_names_are_listed_alike_for_both_readers():
-    source = ast.parse(Path(jaxlens.__file__).read_text(encoding="utf-8"))
-    (listed,) = (node for node in source.body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING")
-    homes = {
-        alias.asname: node.module
-        for node in listed.body
-        if isinstance(node, ast.ImportFrom)
-        for alias in node.names
-        if alias.name == alias.asname
-    }
-    assert sorted(homes) == list(jaxlens.__all__)
-    assert set(homes) <= set(dir(jaxlens))
-    for name, module in homes.items():
-        if module == "jaxlens":
-            assert getattr(jaxlens, name) is importlib.import_module(f"jaxlens.{name}")
-        else:
-            assert getattr(jaxlens, name) is getattr(importlib.import_module(module), name)
 
 
 def test_names_that_are_not_public():

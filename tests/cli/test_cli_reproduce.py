@@ -37,12 +37,25 @@ def test_arguments_reach_the_experiments(run, calls):
     recorded, _ = calls
     assert run("reproduce").code == 0
     assert (
-        run("reproduce", "experiments/a.toml", "experiments", "--output", "o", "--only", "a", "b", "--force").code == 0
+        run(
+            "reproduce",
+            "experiments/a.toml",
+            "experiments",
+            "--output",
+            "o",
+            "--only",
+            "a",
+            "b",
+            "--force",
+            "--self-contained",
+        ).code
+        == 0
     )
     ((first,), plain), ((second,), all_of_them) = recorded
     assert first == (Path("experiments"),)
     assert (plain["output"], plain["only"], plain["force"]) == (Path("results"), (), False)
     assert second == (Path("experiments/a.toml"), Path("experiments"))
+    assert (plain["self_contained"], all_of_them["self_contained"]) == (False, True)
     assert (all_of_them["output"], all_of_them["only"], all_of_them["force"]) == (Path("o"), ("a", "b"), True)
 
 

@@ -50,7 +50,6 @@ def test_lenses_come_back(tmp_path):
     config.write_text(INVERSION)
     report = experiments.run(config, output=tmp_path / "out", quiet=True)
     assert [path.name for path in report.files] == [
-        "errors.png",
         "errors.svg",
         "manifest.json",
         "run.json",

@@ -70,7 +70,7 @@ def test_a_control_point_pulled_too_far_folds():
 def test_the_experiment_freezes_rows(folder: Path):
     Path("f.toml").write_text(TEXT, encoding="utf-8")
     first, second = (run("f.toml", output=name, quiet=True) for name in ("one", "two"))
-    names = ["continuity.png", "lattice.csv", "lattice.png", "manifest.json", "run.json", "table.csv"]
+    names = ["continuity.jpg", "lattice.csv", "lattice.jpg", "manifest.json", "run.json", "table.csv"]
     assert [path.name for path in first.files] == names
     for one, two in zip(first.files, second.files, strict=True):
         assert one.name == "run.json" or one.read_bytes() == two.read_bytes()

@@ -1,7 +1,6 @@
-"""The page of results: complete, well-formed, escaped, by itself, and the same bytes for the same results."""
+"""The page of results: complete, well-formed, escaped, and the same bytes for the same results."""
 
 import base64
-import io
 import json
 import re
 from html.parser import HTMLParser
@@ -15,15 +14,15 @@ import pytest
 from jaxlens.experiments import ExperimentError, config, paper
 from jaxlens.experiments.folders import MARKER, read_manifest
 from jaxlens.experiments.gallery import Section, write_page
-from jaxlens.experiments.gallery.html import element, join, link
-from jaxlens.experiments.gallery.images import MEDIA, embed
+from jaxlens.experiments.gallery.sections import MEDIA
 from jaxlens.experiments.gallery.tables import heading
 from jaxlens.experiments.schema import GridsExperiment, Image, Lenses, SweepExperiment
 
 ROOT = Path(__file__).parents[2]
 EMPTY = {"br", "img", "link", "meta"}
 NASTY = """<script>alert("x")</script> & 'y'"""
-SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 4 3"><path id="p" style="fill:#fff" d="M0 0 &gt;"/></svg>'
+SVG = '<svg xmlns="http://www.w3.org/2000/svg" width="504pt" height="252pt">'
+SVG += '<path id="p" style="fill:#fff" d="M0 0 &gt;"/></svg>'
 
 
 class Page(HTMLParser):
@@ -57,12 +56,6 @@ class Page(HTMLParser):
         ]
 
 
-def noisy_png(path: Path, *, width: int = 40, colored: bool = False) -> None:
-    """A picture of noise, which PNG cannot make small."""
-    noise = np.random.default_rng(0).integers(0, 256, (30, width, 3), np.uint8)
-    PIL.Image.fromarray(noise if colored else noise[..., 0]).save(path)
-
-
 def make(folder: Path, content: dict[str, str | bytes], experiment=None, note: str = "", **facts: object) -> Section:
     """A section with results of any files."""
     experiment = experiment or GridsExperiment(kind="grids", name=folder.name)
@@ -74,19 +67,20 @@ def make(folder: Path, content: dict[str, str | bytes], experiment=None, note: s
     return Section(experiment, f"{folder.name}.toml", folder, manifest, note)
 
 
-def page_of(folder: Path, *sections: Section) -> Page:
-    write_page(folder / "index.html", sections)
+def page_of(folder: Path, *sections: Section, embed: bool = False) -> Page:
+    write_page(folder / "index.html", sections, embed=embed)
     return Page((folder / "index.html").read_text(encoding="utf-8"))
 
 
 @pytest.fixture(scope="module")
 def png(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    path = tmp_path_factory.mktemp("png") / "noise.png"
-    noisy_png(path)
+    path = tmp_path_factory.mktemp("png") / "small.png"
+    PIL.Image.fromarray(np.zeros((30, 40), np.uint8)).save(path)
     return path.read_bytes()
 
 
-def test_every_figure_and_table_is_on_the_page_which_needs_no_other_file(tmp_path: Path, png: bytes):
+@pytest.mark.parametrize("embed", [False, True])
+def test_every_figure_and_table_is_on_the_page(tmp_path: Path, png: bytes, embed: bool):
     files = {
         "line.svg": SVG,
         "line.png": png,
@@ -100,12 +94,18 @@ def test_every_figure_and_table_is_on_the_page_which_needs_no_other_file(tmp_pat
         "results": {"lenses": 17},
     }
     section = make(tmp_path / "é.f", files, **facts)
-    page = page_of(tmp_path, section, make(tmp_path / "other", {"line.svg": SVG}))
+    page = page_of(tmp_path, section, make(tmp_path / "other", {"line.svg": SVG}), embed=embed)
     linked = {unquote(reference) for reference in page.all("a", "href") if not reference.startswith("#")}
     assert linked == {f"é.f/{name}" for name in (*files, "manifest.json")} | {"other/line.svg", "other/manifest.json"}
-    assert len(page.all("img", "src")) == 3
-    for source in page.all("img", "src"):
-        assert source.startswith(("data:image/svg+xml,", "data:image/webp;base64,", "data:image/png;base64,"))
+    shown = ["é.f/line.svg", "é.f/photo.png", "other/line.svg"]
+    for source, name in zip(page.all("img", "src"), shown, strict=True):
+        if embed:
+            kind, _, content = source.partition(";base64,")
+            assert kind == f"data:{MEDIA[Path(name).suffix]}"
+            assert base64.b64decode(content) == (tmp_path / name).read_bytes()
+        else:
+            assert (tmp_path / unquote(source)).is_file()
+            assert unquote(source) == name
     assert not {"script", "link", "iframe", "object"} & {tag for tag, _ in page.elements}
     for said in ("0" * 64, "image.peak", "193", "results.lenses", "17"):
         assert said in page.text
@@ -156,30 +156,25 @@ def test_captions_say_the_order_and_svg_is_taken_first(tmp_path: Path, png: byte
     page = page_of(tmp_path, make(tmp_path / "o", files, experiment))
     assert page.all("figure", "id") == ["o.c", "o.b", "o.a"]
     assert page.all("img", "alt") == ["Lines.", "Noise, as in Eq. 5.", "o: a"]
-    assert page.all("img", "width") == ["40"] * 3
-    svg = page.all("img", "src")[0]
-    assert unquote(svg.removeprefix("data:image/svg+xml,")) == SVG
+    assert page.all("img", "src") == ["o/c.svg", "o/b.png", "o/a.png"]
     assert page.text.index("table.csv") < page.text.index("z.csv")
 
 
-def test_a_picture_is_embedded_in_the_smaller_form(tmp_path: Path):
-    noisy_png(tmp_path / "noise.png", colored=True)
-    embedded = embed(tmp_path / "noise.png")
-    kind, _, content = embedded.uri.partition(";base64,")
-    assert kind == "data:image/webp"
-    pixels = np.asarray(PIL.Image.open(io.BytesIO(base64.b64decode(content))))
-    assert pixels.shape == (30, 40, 3)
-    lines = np.tile(np.uint8([0, 0, 0, 255]), (30, 10))
-    PIL.Image.fromarray(lines).save(tmp_path / "lines.png")
-    assert embed(tmp_path / "lines.png").uri.startswith("data:image/png;base64,")
-    # What WebP would change stays as it is.
-    PIL.Image.fromarray(np.random.default_rng(0).integers(0, 65536, (30, 40)).astype(np.uint16)).save(
-        tmp_path / "deep.png"
-    )
-    assert embed(tmp_path / "deep.png").uri.startswith("data:image/png;base64,")
-    (tmp_path / "broken.png").write_bytes(b"none")
-    with pytest.raises(ExperimentError, match="cannot read the figure"):
-        page_of(tmp_path, make(tmp_path / "x", {"broken.png": b"none"}))
+def test_letters_are_of_one_size_in_all_figures(tmp_path: Path, png: bytes):
+    for name, dpi in (("fine.png", 320), ("coarse.jpg", 80)):
+        PIL.Image.new("L", (7 * dpi, 3 * dpi)).save(tmp_path / name, dpi=(dpi, dpi))
+    files = {name: (tmp_path / name).read_bytes() for name in ("fine.png", "coarse.jpg")}
+    page = page_of(tmp_path, make(tmp_path / "s", files | {"line.svg": SVG, "other.svg": "<svg/>", "raw.png": png}))
+    assert page.all("img", "src") == ["s/coarse.jpg", "s/fine.png", "s/line.svg", "s/other.svg", "s/raw.png"]
+    assert page.all("img", "width") == ["800", "800", "800", "40"]
+    assert page.all("img", "height") == ["343", "343", "400", "30"]
+
+
+@pytest.mark.parametrize("embed", [False, True])
+def test_a_figure_that_cannot_be_read_is_named(tmp_path: Path, embed: bool):
+    with pytest.raises(ExperimentError, match=r"cannot read the figure '.*broken\.png'"):
+        page_of(tmp_path, make(tmp_path / "x", {"broken.png": b"none"}), embed=embed)
+    assert not (tmp_path / "index.html").exists()
 
 
 def test_long_tables_are_folded_and_very_long_ones_cut(tmp_path: Path):
@@ -196,7 +191,10 @@ def test_cells_are_numbers_where_all_of_a_column_are(tmp_path: Path):
     page = page_of(tmp_path, make(tmp_path / "n", {"table.csv": table}))
     for said in ("κ₁", "held out RMS", "−1", "0.123457", "–", "1e−16", "-a"):
         assert said in page.text
-    assert heading("kappa12") == "κ₁₂"
+    assert heading("kappa12") == ("κ₁₂", "")
+    assert heading("range_snr") == ("range SNR", "dB")
+    assert heading("psnr_distance") == ("PSNR distance", "")
+    assert heading("px") == ("px", "")
 
 
 def test_the_same_results_are_the_same_page_wherever_they_lie(tmp_path: Path, png: bytes):
@@ -245,14 +243,6 @@ def test_a_section_without_results(tmp_path: Path):
     page = page_of(tmp_path, Section(experiment, "e.toml", tmp_path / "e", None, "Not run: there are no results yet."))
     assert "Not run: there are no results yet." in page.text
     assert "Manifest" not in page.text
-
-
-def test_elements():
-    assert element("a", "<", element("br"), None, href='"', hidden=True, open=False, aria_label="x") == (
-        '<a href="&quot;" hidden aria-label="x">&lt;<br></a>'
-    )
-    assert join("a & b", element("i", "'")) == "a &amp; b<i>'</i>"
-    assert link("x", "a b", "c/d?") == '<a href="a%20b/c/d%3F">x</a>'
 
 
 def configurations() -> list[Path]:

@@ -23,12 +23,11 @@ height = 48
 width = 40
 """
 FILES = [
-    "convergence.png",
     "convergence.svg",
     "errors.csv",
     "manifest.json",
-    "maps.png",
-    "paths.png",
+    "maps.jpg",
+    "paths.jpg",
     "ratios.png",
     "run.json",
     "table.csv",

@@ -54,7 +54,7 @@ def test_the_grids_experiment_writes_its_folder(tmp_path: Path, monkeypatch: pyt
     Path("g.toml").write_text('kind = "grids"\nname = "g"\nlines = 3\nsize = 61\nk = [0.3]\n', encoding="utf-8")
     report = run("g.toml", quiet=True)
     names = [path.name for path in report.files]
-    assert names == ["grids.png", "grids.svg", "manifest.json", "rasters.png", "run.json", "table.csv"]
+    assert names == ["grids.svg", "manifest.json", "rasters.png", "run.json", "table.csv"]
     rows = (report.folder / "table.csv").read_text().splitlines()
     assert [row.split(",")[:3] for row in rows[1:]] == [
         ["lens", "0.3", "pincushion"],
@@ -68,7 +68,7 @@ def test_the_panels_experiment_counts_every_pixel_once(folder: Path):
         'kind = "panels"\nname = "p"\nkappa = [[0, 1], [-0.2, 0]]\n[image]\npath = "tiny.png"\n', encoding="utf-8"
     )
     report = run("p.toml", quiet=True)
-    assert [path.name for path in report.files] == ["manifest.json", "panels.png", "run.json", "table.csv"]
+    assert [path.name for path in report.files] == ["manifest.json", "panels.jpg", "run.json", "table.csv"]
     header, *rows = [line.split(",") for line in (report.folder / "table.csv").read_text().splitlines()]
     for row in rows:
         found = dict(zip(header, map(float, row), strict=True))
@@ -83,7 +83,7 @@ def test_the_readings_experiment_reports_each_reading_of_each_image(folder: Path
     )
     report = run("r.toml", quiet=True)
     names = {path.name for path in report.files}
-    assert {"table.csv", "scores.csv", "distances.svg", "psnr.png", "pictures.png"} <= names
+    assert {"table.csv", "scores.csv", "distances.svg", "psnr.svg", "pictures.jpg"} <= names
     rows = (report.folder / "table.csv").read_text().splitlines()
     assert [row.split(",")[:2] for row in rows[1:]] == [
         ["tiny.png", reading] for reading in ("functional inverse", "reciprocal", "direct")

@@ -76,12 +76,11 @@ def test_the_experiment_writes_its_folder_whatever_the_other_pictures_size(folde
     Path("n.toml").write_text(TEXT, encoding="utf-8")
     first, second = (run("n.toml", output=name, quiet=True) for name in ("one", "two"))
     assert [path.name for path in first.files] == [
-        "arrangements.png",
+        "arrangements.jpg",
         "blocks.csv",
         "manifest.json",
-        "noise.png",
+        "noise.jpg",
         "run.json",
-        "spread.png",
         "spread.svg",
         "table.csv",
     ]

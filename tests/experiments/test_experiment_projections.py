@@ -59,12 +59,11 @@ def test_the_experiment_writes_its_folder(folder: Path):
     Path("p.toml").write_text(TEXT, encoding="utf-8")
     first, second = (run("p.toml", output=name, quiet=True) for name in ("one", "two"))
     assert [path.name for path in first.files] == [
-        "displacement.png",
         "displacement.svg",
         "manifest.json",
         "profiles_x.csv",
         "profiles_y.csv",
-        "projections.png",
+        "projections.jpg",
         "run.json",
         "table.csv",
     ]

@@ -32,7 +32,7 @@ def test_the_folder_and_that_smoothing_flattens(tmp_path: Path, monkeypatch: pyt
     path = _write(tmp_path, TEXT % "float64")
     first = run(path, output="one", quiet=True)
     second = run(path, output="two", quiet=True)
-    assert [file.name for file in first.files] == ["manifest.json", "run.json", "surface.png", "table.csv"]
+    assert [file.name for file in first.files] == ["manifest.json", "run.json", "surface.jpg", "table.csv"]
     for one, two in zip(first.files, second.files, strict=True):
         assert one.name == "run.json" or one.read_bytes() == two.read_bytes()
     header, raw, smooth = [line.split(",") for line in Path("one/table.csv").read_text().splitlines()]

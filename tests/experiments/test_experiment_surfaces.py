@@ -21,9 +21,9 @@ def _paths(image=RAMP, **options):
 def test_each_way_of_drawing(tmp_path, drawing):
     with style():
         figure = surface_figure(RAMP, 200.0, drawings=(drawing,))
-        save(figure, tmp_path, "one")
-        save(surface_figure(RAMP, 200.0, drawings=(drawing,)), tmp_path, "two")
-    assert (tmp_path / "one.png").read_bytes() == (tmp_path / "two.png").read_bytes()
+        save(figure, tmp_path / "one.jpg")
+        save(surface_figure(RAMP, 200.0, drawings=(drawing,)), tmp_path / "two.jpg")
+    assert (tmp_path / "one.jpg").read_bytes() == (tmp_path / "two.jpg").read_bytes()
 
 
 def test_the_figure_says_what_is_shown():

@@ -184,7 +184,7 @@ def test_the_experiment_writes_its_folder_and_the_same_bytes_again(tmp_path: Pat
     config.write_text(SMALL)
     first, second = (run(config, output=tmp_path / name, quiet=True) for name in ("one", "two"))
     names = {path.name for path in first.files}
-    assert {"table.csv", "parameters.csv", "profiles.csv", "pictures.png", "residuals.svg", "knowledge.png"} <= names
+    assert {"table.csv", "parameters.csv", "profiles.csv", "pictures.jpg", "residuals.svg", "knowledge.svg"} <= names
     for one, other in zip(first.files, second.files, strict=True):
         assert one.name == "run.json" or one.read_bytes() == other.read_bytes()
     with (first.folder / "table.csv").open() as file:

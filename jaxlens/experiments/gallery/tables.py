@@ -1,124 +1,131 @@
-"""Tables of results as HTML: CSV files, and the paper's Table 1 beside ours."""
+"""Tables of results for the page: CSV files, and the paper's Table 1 beside ours."""
 
 import csv
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 from jaxlens.experiments import paper
-from jaxlens.experiments.gallery.html import Markup, element, link
 
 # A table with more rows is folded; of one with many more, only the first are shown.
 _OPEN_ROWS = 12
 _MOST_ROWS = 60
 _DIGITS = 6
 _DECIMALS = 3
-_UNITS = {"snr": "dB", "psnr": "dB", "rmse": "gray levels", "mae": "gray levels"}
-_ACRONYMS = frozenset({"mae", "mse", "psnr", "rms", "rmse", "snr", "ssim", "uqi"})
+_UNITS = {"px": "px", "db": "dB"}
 _SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
-def read_csv(path: Path) -> tuple[list[str], list[list[str]]]:
-    """Returns the header and the rows of a CSV file; of a file that is none, nothing."""
+@dataclass(frozen=True)
+class Column:
+    """A column of a table.
+
+    Attributes:
+        title: Its name as people write it.
+        unit: May be empty.
+        numeric: All its cells are numbers.
+    """
+
+    title: str
+    unit: str
+    numeric: bool
+
+
+@dataclass(frozen=True)
+class CsvTable:
+    """A CSV file as the page shows it.
+
+    Attributes:
+        file: The file's name.
+        caption: What it says; may be empty.
+        columns: In their order.
+        rows: The cells that are shown, as text.
+        length: How many rows the file has.
+    """
+
+    file: str
+    caption: str
+    columns: list[Column]
+    rows: list[list[str]]
+    length: int
+
+    @property
+    def folded(self) -> bool:
+        """Whether it is too long to lie open."""
+        return self.length > _OPEN_ROWS
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Lenses of the paper's Table 1, ours beside the paper's, and the difference.
+
+    Attributes:
+        columns: The metrics.
+        rows: Of each lens the coefficients, and the cells of its three lines by name.
+        copied: Rows in which the paper prints another row's numbers, with the RMSE that their own PSNR implies.
+    """
+
+    columns: list[Column]
+    rows: list[tuple[str, dict[str, list[str]]]]
+    copied: list[tuple[str, str]]
+
+
+def csv_table(path: Path, caption: str) -> CsvTable | None:
+    """Returns a CSV file as a table; None of a file that is none."""
+    header, rows = _read_csv(path)
+    if not header:
+        return None
+    numeric = [all(_is_number(row[index]) for row in rows) for index in range(len(header))]
+    shown = rows if len(rows) <= _MOST_ROWS else rows[:_OPEN_ROWS]
+    columns = [Column(*heading(name), right) for name, right in zip(header, numeric, strict=True)]
+    cells = [[_cell(value, right) for value, right in zip(row, numeric, strict=True)] for row in shown]
+    return CsvTable(path.name, caption, columns, cells, len(rows))
+
+
+def comparison(path: Path) -> Comparison | None:
+    """Returns the rows of a sweep's table that Table 1 has beside the paper's; None where there are none."""
+    header, rows = _read_csv(path)
+    if not {"kappa1", "kappa2", *paper.METRICS} <= set(header):
+        return None
+    ours = [dict(zip(header, values, strict=True)) for values in rows]
+    pairs = [(row, one) for one in ours if (row := _row_of(one)) is not None]
+    if not pairs:
+        return None
+    return Comparison(
+        [Column(*heading(metric), True) for metric in paper.METRICS],
+        [(_label(row), _compared(row, one)) for row, one in pairs],
+        [(_label(row), f"{paper.implied_rmse(row.psnr):.{_DECIMALS}f}") for row, _ in pairs if row.copied],
+    )
+
+
+def heading(name: str) -> tuple[str, str]:
+    """Returns a column's name as people write it, and its unit.
+
+    Example:
+        >>> heading("kappa1"), heading("held_out_rms"), heading("bend_of_curve_px"), heading("psnr")
+        (('κ₁', ''), ('held out RMS', ''), ('bend of curve', 'px'), ('PSNR', 'dB'))
+    """
+    # With JAX behind it, which a mistake in a configuration does not wait for.
+    from jaxlens.metrics import METRICS
+
+    if name in METRICS:
+        return METRICS[name].label, METRICS[name].unit
+    words = name.split("_")
+    unit = _UNITS[words.pop()] if len(words) > 1 and words[-1] in _UNITS else ""
+    labels = [METRICS[word].label if word in METRICS else word.replace("rms", "RMS") for word in words]
+    return re.sub(r"\bkappa(\d+)\b", lambda match: "κ" + match[1].translate(_SUBSCRIPTS), " ".join(labels)), unit
+
+
+def _read_csv(path: Path) -> tuple[list[str], list[list[str]]]:
+    """The header and the rows of a CSV file; of a file that is none, nothing."""
     try:
         with path.open(encoding="utf-8", newline="") as file:
             header, *rows = list(csv.reader(file)) or [[]]
     except (OSError, UnicodeDecodeError, csv.Error):
         return [], []
     return header, [row for row in rows if len(row) == len(header)]
-
-
-def csv_table(path: Path, caption: str) -> Markup:
-    """Returns a CSV file as a table; a long one is folded, a very long one cut."""
-    header, rows = read_csv(path)
-    if not header:
-        return Markup()
-    numeric = [all(_is_number(row[index]) for row in rows) for index in range(len(header))]
-    shown = rows if len(rows) <= _MOST_ROWS else rows[:_OPEN_ROWS]
-    file = link(path.name, path.parent.name, path.name)
-    size = f"{len(rows)} rows" if len(shown) == len(rows) else f"the first {len(shown)} of {len(rows)} rows"
-    about = element("p", caption + " " if caption else None, file, f" ({size})", class_="about")
-    table = _table(
-        [
-            element("th", heading(name), scope="col", class_=_kind(right))
-            for name, right in zip(header, numeric, strict=True)
-        ],
-        [
-            [element("td", _cell(value, right), class_=_kind(right)) for value, right in zip(row, numeric, strict=True)]
-            for row in shown
-        ],
-        label=caption or path.name,
-    )
-    if len(rows) <= _OPEN_ROWS:
-        return element("div", about, table, class_="table")
-    summary = element("summary", f"{path.stem.replace('_', ' ')}: {len(rows)} rows")
-    return element("details", summary, about, table)
-
-
-def comparison(path: Path) -> Markup:
-    """Returns the rows of a sweep's table that Table 1 has, ours beside the paper's, and the difference."""
-    header, rows = read_csv(path)
-    if not {"kappa1", "kappa2", *paper.METRICS} <= set(header):
-        return Markup()
-    body: list[list[Markup]] = []
-    copied: list[paper.Row] = []
-    for values in rows:
-        ours = dict(zip(header, values, strict=True))
-        row = _row_of(ours)
-        if row is not None:
-            body += _compared(row, ours)
-            copied += [row] * row.copied
-    if not body:
-        return Markup()
-    head = [element("th", "κ₁, κ₂", scope="col"), element("th", "", scope="col")]
-    head += [
-        element("th", metric.upper(), element("small", _UNITS[metric]), scope="col", class_="number")
-        for metric in paper.METRICS
-    ]
-    about = element(
-        "p",
-        "Ours, the paper's, and ours less the paper's. The paper does not publish its picture, so its numbers cannot "
-        "be met digit by digit.",
-        class_="about",
-    )
-    notes = [
-        f"* In row ({row.kappa[0]:g}, {row.kappa[1]:g}) the paper prints another row's RMSE and MAE again. Its own "
-        f"PSNR there implies an RMSE of {paper.implied_rmse(row.psnr):.3f}."
-        for row in copied
-    ]
-    table = _table(head, body, label="Ours beside the paper's Table 1", class_="compared")
-    return element("div", about, table, *(element("p", note, class_="about") for note in notes), class_="table")
-
-
-def facts_table(facts: Mapping[str, object], label: str) -> Markup:
-    """Returns names and values, nested ones by dotted names."""
-    rows = [[element("th", name, scope="row"), element("td", value)] for name, value in _flat(facts)]
-    return _table([], rows, label=label, class_="facts")
-
-
-def heading(name: str) -> str:
-    """Returns a column's name as people write it.
-
-    Example:
-        >>> heading("kappa1"), heading("held_out_rms"), heading("psnr")
-        ('κ₁', 'held out RMS', 'PSNR')
-    """
-    words = [word.upper() if word in _ACRONYMS else word for word in name.split("_")]
-    return re.sub(r"\bkappa(\d+)\b", lambda match: "κ" + match[1].translate(_SUBSCRIPTS), " ".join(words))
-
-
-def _table(
-    head: Sequence[Markup], rows: Sequence[Sequence[Markup]], *, label: str, class_: str | None = None
-) -> Markup:
-    """A table that scrolls by itself where it is wider than the page, by keyboard too."""
-    table = element(
-        "table",
-        element("thead", element("tr", *head)) if head else None,
-        element("tbody", *(element("tr", *row) for row in rows)),
-        class_=class_,
-    )
-    return element("div", table, class_="scroll", role="region", aria_label=label, tabindex=0)
 
 
 def _row_of(ours: Mapping[str, str]) -> paper.Row | None:
@@ -131,20 +138,19 @@ def _row_of(ours: Mapping[str, str]) -> paper.Row | None:
     return None if any(kappa[2:]) else paper.row_of(kappa[:2])
 
 
-def _compared(row: paper.Row, ours: Mapping[str, str]) -> list[list[Markup]]:
-    lines: dict[str, list[Markup]] = {"ours": [], "paper": [], "difference": []}
+def _label(row: paper.Row) -> str:
+    return ", ".join(f"{one:g}" for one in row.kappa)
+
+
+def _compared(row: paper.Row, ours: Mapping[str, str]) -> dict[str, list[str]]:
+    lines: dict[str, list[str]] = {"ours": [], "paper": [], "difference": []}
     for metric in paper.METRICS:
         mine, theirs = _number(ours[metric]), getattr(row, metric)
         mark = "*" if row.copied and metric in ("rmse", "mae") else ""
-        for line, text in zip(
-            lines.values(),
-            (f"{mine:.{_DECIMALS}f}", f"{theirs:.{_DECIMALS}f}{mark}", f"{mine - theirs:+.{_DECIMALS}f}{mark}"),
-            strict=True,
-        ):
-            line.append(element("td", _minus(text), class_="number"))
-    label = element("th", f"{row.kappa[0]:g}, {row.kappa[1]:g}", scope="rowgroup", rowspan=len(lines))
-    named = [[element("th", name, scope="row"), *cells] for name, cells in lines.items()]
-    return [[label, *named[0]], *named[1:]]
+        lines["ours"].append(_minus(f"{mine:.{_DECIMALS}f}"))
+        lines["paper"].append(_minus(f"{theirs:.{_DECIMALS}f}{mark}"))
+        lines["difference"].append(_minus(f"{mine - theirs:+.{_DECIMALS}f}{mark}"))
+    return lines
 
 
 def _number(text: str) -> float:
@@ -169,31 +175,3 @@ def _cell(text: str, numeric: bool) -> str:
 
 def _minus(text: str) -> str:
     return text.replace("-", "−").replace("inf", "∞")
-
-
-def _kind(numeric: bool) -> str | None:
-    return "number" if numeric else None
-
-
-def _flat(facts: Mapping[str, object], prefix: str = "") -> list[tuple[str, str]]:
-    """Names and values, one line each; a list of plain values is one line."""
-    lines: list[tuple[str, str]] = []
-    for key, value in facts.items():
-        name = f"{prefix}{key}"
-        if isinstance(value, list) and any(isinstance(one, dict) for one in value):
-            value = {str(index): one for index, one in enumerate(value)}
-        if isinstance(value, dict):
-            lines += _flat(value, f"{name}.")
-        else:
-            lines.append((name, _plain(value)))
-    return lines
-
-
-def _plain(value: object) -> str:
-    if isinstance(value, list):
-        return "[" + ", ".join(_plain(one) for one in value) + "]"
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, float):
-        return f"{value:.12g}"
-    return "–" if value is None else str(value)

@@ -112,9 +112,9 @@ def _draw(fit: Fit, boards: Boards, names: list[str], folder: Path) -> None:
     seen = np.asarray(boards.weights) > 0
     observed = np.asarray(boards.observed)[seen]
     ideal = np.asarray(fit.lens.invert(fit.frame.normalize(observed)).points)
-    save(residual_figure(observed, np.asarray(fit.residuals)[seen], fit, "pixels"), folder, "residuals")
-    save(curve_figure(fit, ideal, "pixels"), folder, "curve", vector=True)
-    save(views_figure(names, np.asarray(fit.per_view_rms)), folder, "views", vector=True)
+    save(residual_figure(observed, np.asarray(fit.residuals)[seen], fit, "pixels"), folder / "residuals.png")
+    save(curve_figure(fit, ideal, "pixels"), folder / "curve.svg")
+    save(views_figure(names, np.asarray(fit.per_view_rms)), folder / "views.svg")
 
 
 def _report(experiment: BoardsExperiment, fits: list[Fit], models: dict[str, list[Value]]) -> list[RenderableType]:

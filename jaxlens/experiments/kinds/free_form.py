@@ -56,8 +56,8 @@ def perform_free_form(
     columns = {name: [one.measures[name] for one in found.values()] for name in names}
     write_csv(folder, {"border": list(found)} | columns)
     write_csv(folder, lattice, "lattice.csv")
-    save(lattice_panel(source.pixels, source.peak, still, found[_name(None)]), folder, "lattice")
-    save(continuity_panel(source.peak, still, found), folder, "continuity")
+    save(lattice_panel(source.pixels, source.peak, still, found[_name(None)]), folder / "lattice.jpg")
+    save(continuity_panel(source.peak, still, found), folder / "continuity.jpg")
     header = ["", *found]
     rows = [
         [name.removesuffix("_px").replace("_", " ") + (", px" if name.endswith("_px") else "")]

@@ -36,10 +36,10 @@ def perform_geodesics(
     write_csv(folder, _columns(ways))
     write_csv(folder, _convergence_columns(experiment.sizes, cap), "errors.csv")
     unit = experiment.surface.unit
-    save(distance_maps(found, experiment.step, unit), folder, "maps")
-    save(ratio_maps(found), folder, "ratios")
-    save(path_panel(found, ways, unit), folder, "paths")
-    save(convergence_chart(experiment.sizes, cap), folder, "convergence", vector=True)
+    save(distance_maps(found, experiment.step, unit), folder / "maps.jpg")
+    save(ratio_maps(found), folder / "ratios.png")
+    save(path_panel(found, ways, unit), folder / "paths.jpg")
+    save(convergence_chart(experiment.sizes, cap), folder / "convergence.svg")
     return Outcome([], _facts(found), _report(experiment, found, ways, cap))
 
 

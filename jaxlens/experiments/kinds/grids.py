@@ -40,8 +40,8 @@ def perform_grids(experiment: GridsExperiment, folder: Path) -> Outcome:
                 columns[name].append(value)
             rows.append([setting, f"{k:+g}", curve.name, f"{curve.pixels:+.3f}", f"{raster.pixels:+.3f}"])
     write_csv(folder, columns)
-    save(curve_panel(drawn, names, experiment.k, lines), folder, "grids", vector=True)
-    save(picture_panel(pictures, names, experiment.k), folder, "rasters")
+    save(curve_panel(drawn, names, experiment.k, lines), folder / "grids.svg")
+    save(picture_panel(pictures, names, experiment.k), folder / "rasters.png")
     title = experiment.title or experiment.name
     header = ["", "k", "distortion", "bend of curve, px", "bend of picture, px"]
     return Outcome([], {}, [plain_table(title, header, rows)])

@@ -49,7 +49,7 @@ def perform_inversion(
                 )
                 advance(1)
     write_csv(folder, _columns(found))
-    save(error_chart(found), folder, "errors", vector=True)
+    save(error_chart(found), folder / "errors.svg")
     return Outcome([source.facts], {"failed_fits": sum(one.failed for one in found)}, _report(experiment, found))
 
 

@@ -76,9 +76,9 @@ def perform_noise(configuration: Configuration, experiment: NoiseExperiment, fol
         for column, value in zip(_BLOCKS, (name, *_summary(spread, experiment.block)), strict=True):
             blocks[column].append(value)
     write_csv(folder, blocks, "blocks.csv")
-    save(noise_panel(pixels, source.peak, errors, spreads, names), folder, "noise")
-    save(spread_chart(spreads, names), folder, "spread", vector=True)
-    save(arrangement_panel(pairs, table, names, source.peak), folder, "arrangements", dpi=150)
+    save(noise_panel(pixels, source.peak, errors, spreads, names), folder / "noise.jpg")
+    save(spread_chart(spreads, names), folder / "spread.svg")
+    save(arrangement_panel(pairs, table, names, source.peak), folder / "arrangements.jpg")
     inputs = [source.facts, other_source.facts]
     return Outcome(inputs, {"noise_deviation": deviation}, _report(experiment, table, spreads, names))
 

@@ -42,7 +42,7 @@ def perform_panels(
         "most_positions": np.array([count.max() for count in counts]),
     }
     write_csv(folder, kappa_columns(kappa) | columns)
-    save(multiplicity_panel(source.pixels, pictures, counts, kappa, source.peak), folder, "panels")
+    save(multiplicity_panel(source.pixels, pictures, counts, kappa, source.peak), folder / "panels.jpg")
     rows = [
         [", ".join(f"{value:g}" for value in one)]
         + [f"{int(column[index]):,}".replace(",", " ") for column in columns.values()]

@@ -80,8 +80,8 @@ def perform_projections(configuration: Configuration, experiment: ProjectionsExp
     for axis in AXES:
         write_csv(folder, _elements(axis, found), f"profiles_{axis}.csv")
     names = {k: f"k = {k:+g}: {kind_of(k)}".replace("-", "−") for k in experiment.k}
-    save(projection_panel(pixels, source.peak, pictures, found, names), folder, "projections")
-    save(displacement_chart(found, names), folder, "displacement", vector=True)
+    save(projection_panel(pixels, source.peak, pictures, found, names), folder / "projections.jpg")
+    save(displacement_chart(found, names), folder / "displacement.svg")
     header = ["k", "means", "largest\nchange", "found", "displacement\npx", "median\nerror, px", "within\n2 px"]
     return Outcome([source.facts], {}, [plain_table(experiment.title or experiment.name, header, rows)])
 

@@ -57,9 +57,9 @@ def perform_readings(
         reading: [_distance(psnr[source.label][reading]) for source in sources] for reading in READINGS
     }
     labels = [source.label for source in sources]
-    save(distance_chart(labels, distances), folder, "distances", vector=True)
-    save(psnr_chart(psnr), folder, "psnr", vector=True)
-    save(_pictures(sources[0], experiment), folder, "pictures")
+    save(distance_chart(labels, distances), folder / "distances.svg")
+    save(psnr_chart(psnr), folder / "psnr.svg")
+    save(_pictures(sources[0], experiment), folder / "pictures.jpg")
     title = experiment.title or experiment.name
     return Outcome([source.facts for source in sources], {}, _report(title, labels, psnr, table))
 

@@ -31,7 +31,7 @@ def perform_rotation(experiment: RotationExperiment, folder: Path, progress: Con
             "rms_bias_lens_fitted": np.concatenate([one.fitted_rms for one in found]),
         },
     )
-    save(bias_chart(experiment.k, found, experiment.noise), folder, "bias", vector=True)
+    save(bias_chart(experiment.k, found, experiment.noise), folder / "bias.svg")
     return Outcome([], _facts(k, found), _report(experiment, k, found))
 
 

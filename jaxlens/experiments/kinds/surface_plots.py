@@ -29,7 +29,7 @@ def perform_surface_plot(configuration: Configuration, experiment: SurfacePlotEx
         azimuth=experiment.azimuth,
         elevation=experiment.elevation,
     )
-    save(figure, folder, "surface")
+    save(figure, folder / "surface.jpg")
     gray = np.asarray(source.pixels, np.float64)
     gray = gray.mean(axis=-1) if gray.ndim == 3 else gray
     columns: dict[str, list[Value]] = {name: [] for name in _HEADER}

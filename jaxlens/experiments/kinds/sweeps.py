@@ -66,10 +66,10 @@ def _draw_pictures(
     pictures = deform_all(source.pixels, lenses, experiment.warp)
     titles = [kappa_label(one) for one in lenses]
     decibels = [f"PSNR {value:.2f} dB" if np.isfinite(value) else "identical" for value in scores["psnr"][chosen]]
-    save(deformed_panel(source.pixels, pictures, titles, decibels, source.peak), folder, "deformed")
+    save(deformed_panel(source.pixels, pictures, titles, decibels, source.peak), folder / "deformed.jpg")
     means = [f"mean |error| {value:.1f}" for value in scores["mae"][chosen]]
     errors = [picture - source.pixels for picture in pictures]
-    save(error_panel(errors, titles, means, source.peak), folder, "errors", dpi=150)
+    save(error_panel(errors, titles, means, source.peak), folder / "errors.jpg")
     outlines, shown = [], []
     height, width = source.pixels.shape[:2]
     for one in lenses:
@@ -77,7 +77,7 @@ def _draw_pictures(
         outlines.append(_outline(np.asarray(coordinates)))
         shown.append(float(np.mean(np.asarray(multiplicity(coordinates, height, width)) > 0)))
     covered = [float(value) for value in scores["coverage"][chosen]]
-    save(coverage_chart(source.pixels, source.peak, lenses, outlines, shown, covered), folder, "coverage")
+    save(coverage_chart(source.pixels, source.peak, lenses, outlines, shown, covered), folder / "coverage.jpg")
 
 
 def _outline(coordinates: np.ndarray) -> np.ndarray:
@@ -90,20 +90,15 @@ def _outline(coordinates: np.ndarray) -> np.ndarray:
 def _draw_metrics(kappa: np.ndarray, scores: dict[str, np.ndarray], experiment: SweepExperiment, folder: Path) -> None:
     compare = experiment.compare is not None
     if len(kappa) <= _MOST_DOTS:
-        save(charts.metric_chart(kappa, scores, compare=compare), folder, "metrics", vector=True)
+        save(charts.metric_chart(kappa, scores, compare=compare), folder / "metrics.svg")
         return
     axes = experiment.lenses.axes or []
     moving = [index for index, axis in enumerate(axes) if axis.count > 1]
     names = [f"κ{'₀₁₂₃₄₅₆₇₈₉'[index + 1]}" if index < 9 else f"κ{index + 1}" for index in moving]
     values = [np.asarray(axes[index].values()) for index in moving]
     if len(moving) == 2:
-        save(charts.heat_maps(values, names, scores, compare=compare), folder, "metrics")
+        save(charts.heat_maps(values, names, scores, compare=compare), folder / "metrics.svg")
     elif len(moving) == 1:
-        save(charts.metric_lines(values[0], names[0], scores), folder, "metrics", vector=True)
+        save(charts.metric_lines(values[0], names[0], scores), folder / "metrics.svg")
     else:
-        save(
-            charts.metric_lines(np.arange(len(kappa)), "lens (row of the table)", scores),
-            folder,
-            "metrics",
-            vector=True,
-        )
+        save(charts.metric_lines(np.arange(len(kappa)), "lens (row of the table)", scores), folder / "metrics.svg")

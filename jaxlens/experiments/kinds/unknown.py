@@ -78,15 +78,15 @@ def perform_unknown(experiment: UnknownExperiment, folder: Path, progress: Conso
     write_csv(folder, _figures(best))
     write_csv(folder, _parameters(best, experiment.noise), "parameters.csv")
     write_csv(folder, _profile(experiment.profile, profiles), "profiles.csv")
-    save(picture_panel(pictures), folder, "pictures")
-    save(residual_chart(nearest, experiment.noise), folder, "residuals", vector=True)
-    save(knowledge_chart(nearest[False], experiment.noise), folder, "knowledge", vector=True)
-    save(profile_chart(experiment.profile, profiles, nearest[False]), folder, "profile", vector=True)
+    save(picture_panel(pictures), folder / "pictures.jpg")
+    save(residual_chart(nearest, experiment.noise), folder / "residuals.svg")
+    save(knowledge_chart(nearest[False], experiment.noise), folder / "knowledge.svg")
+    save(profile_chart(experiment.profile, profiles, nearest[False]), folder / "profile.svg")
     met: list[tuple[Exact, float, Reading]] = [
         (one, aspect, reading) for reading in READINGS for one, aspect in exact[reading] if one.met
     ]
     if met:
-        save(exact_panel(met), folder, "exact")
+        save(exact_panel(met), folder / "exact.jpg")
     return Outcome([], _facts(best, exact, again, experiment.noise), _report(experiment, best, exact, again))
 
 
