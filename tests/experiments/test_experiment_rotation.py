@@ -7,12 +7,14 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+from paper_kinds import module_of, write
 from scipy.spatial.transform import Rotation
 
 import jaxlens as jl
 from jaxlens.experiments import ConfigError, run
-from jaxlens.experiments.rotating import rotations_of
 from jaxlens.self_calibration import RotatingCamera, focal_length_bias
+
+rotations_of = module_of("rotation").rotations_of
 
 SMALL = """
 kind = "rotation"
@@ -32,8 +34,8 @@ turns = [[10, 5, 20], [-4, 9, -30]]
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     folder = tmp_path_factory.mktemp("rotation")
-    (folder / "small.toml").write_text(SMALL)
-    first, second = (run(folder / "small.toml", output=folder / name, quiet=True) for name in ("one", "two"))
+    config = write(folder, "small.toml", SMALL)
+    first, second = (run(config, output=folder / name, quiet=True) for name in ("one", "two"))
     assert [path.name for path in first.files] == ["bias.png", "bias.svg", "manifest.json", "run.json", "table.csv"]
     return first.folder, second.folder
 
@@ -78,6 +80,6 @@ def test_turns_are_pan_tilt_and_roll_in_degrees(x64):
     ],
 )
 def test_what_is_wrong_is_named(tmp_path: Path, old: str, new: str, said: str):
-    (tmp_path / "small.toml").write_text(SMALL.replace(old, new))
+    config = write(tmp_path, "small.toml", SMALL.replace(old, new))
     with pytest.raises(ConfigError, match=said):
-        run(tmp_path / "small.toml", quiet=True)
+        run(config, quiet=True)

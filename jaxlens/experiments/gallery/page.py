@@ -5,12 +5,12 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from jaxlens.experiments.experiment import Experiment
 from jaxlens.experiments.folders import MANIFEST
 from jaxlens.experiments.gallery.html import Markup, element, join, link
 from jaxlens.experiments.gallery.images import MEDIA, Embedded
 from jaxlens.experiments.gallery.style import STYLE
 from jaxlens.experiments.gallery.tables import comparison, csv_table, facts_table
-from jaxlens.experiments.schema import Experiment, SweepExperiment
 
 _TITLE = "Lens distortion, reproduced"
 _ABOUT = (
@@ -92,7 +92,7 @@ def _entry(section: Section) -> Markup:
 def _section(section: Section, embed: Callable[[Path], Embedded]) -> Markup:
     experiment, files = section.experiment, section.files()
     tables = [path for path in files if path.suffix == ".csv"]
-    compared = isinstance(experiment, SweepExperiment) and experiment.compare == "table1"
+    compared = getattr(experiment, "compare", None) == "table1"
     return element(
         "section",
         element("h2", section.title),

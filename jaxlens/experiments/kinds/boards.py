@@ -2,25 +2,64 @@
 
 from functools import partial
 from pathlib import Path
+from typing import Annotated, Literal
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from pydantic import Field
 from rich.console import Console, RenderableType
 
 from jaxlens.calibrations import CalibrationError, read_corners
 from jaxlens.experiments.config import Configuration
 from jaxlens.experiments.errors import ExperimentError
-from jaxlens.experiments.kinds.outcome import Outcome, progress_bar
+from jaxlens.experiments.experiment import Experiment
+from jaxlens.experiments.outcome import Outcome, progress_bar
 from jaxlens.experiments.reports import plain_table
-from jaxlens.experiments.schema import BoardModel, BoardsExperiment
+from jaxlens.experiments.schema import InputFile, Table
 from jaxlens.experiments.tables import Value, write_csv
 from jaxlens.figures.fits import curve_figure, residual_figure, views_figure
 from jaxlens.figures.style import save
 from jaxlens.files import file_sha256
 from jaxlens.fitting import Boards, Fit, FitStatus, calibrate, evaluate
 from jaxlens.lenses import BrownConrady
+
+
+class BoardModel(Table):
+    """A lens to calibrate with.
+
+    Attributes:
+        name: What the table calls it.
+        terms: Coefficients of the Brown–Conrady lens: 4, 5 or 8.
+        fixed: Parameters that stay zero.
+        reference_rms: The RMS that other software reports on the same corners, if known.
+    """
+
+    name: str
+    terms: Literal[4, 5, 8]
+    fixed: list[str] = Field(default=[])
+    reference_rms: float | None = None
+
+
+class BoardsExperiment(Experiment):
+    """A camera calibrated from corners of a board, with several lenses, and tried on views held out.
+
+    Attributes:
+        corners: A CSV file of corners, relative to the configuration (see `jaxlens calibrate --corners`).
+        image_size: Width and height of the pictures.
+        models: The lenses.
+        held_out: Every so manieth view is held out, in turn, to be judged by the others.
+    """
+
+    corners: Annotated[str, InputFile("CSV file")]
+    image_size: Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=2, max_length=2)]
+    models: list[BoardModel] = Field(min_length=1, max_length=7)
+    held_out: int = Field(default=4, ge=2)
+
+    def run(self, configuration: Configuration, folder: Path, progress: Console) -> Outcome:
+        """Carries out the experiment."""
+        return perform_boards(configuration, self, folder, progress)
 
 
 def perform_boards(

@@ -2,21 +2,69 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import ArrayLike
+from pydantic import Field, model_validator
 from rich.console import Console
 
 from jaxlens.experiments.config import Configuration
 from jaxlens.experiments.deforming import Deformed, deform, lattice_of, moved
 from jaxlens.experiments.errors import ConfigError
-from jaxlens.experiments.kinds.outcome import Outcome, progress_bar
+from jaxlens.experiments.experiment import Experiment
+from jaxlens.experiments.outcome import Outcome, progress_bar
 from jaxlens.experiments.reports import plain_table
-from jaxlens.experiments.schema import FreeFormExperiment
+from jaxlens.experiments.schema import ControlPointMove, Crop, Image, Warp
 from jaxlens.experiments.sources import load_source
 from jaxlens.experiments.tables import Value, write_csv
 from jaxlens.figures.free_forms import continuity_panel, lattice_panel
 from jaxlens.figures.style import save
+
+
+class FreeFormExperiment(Experiment):
+    """A free-form deformation of a part of an image, with a free border and with frozen ones: Figure 2.
+
+    Attributes:
+        image: The image.
+        region: The pixels whose area is the rectangle that is deformed.
+        degrees: m along x and n along y: there are m + 1 columns and n + 1 rows of control points.
+        moves: The control points that do not stay in place.
+        continuity: Orders of continuity across the rectangle's border, each of which freezes rows of control points;
+            the deformation without any frozen is drawn besides.
+        warp: How the image is sampled.
+    """
+
+    image: Image
+    region: Crop
+    degrees: Annotated[list[Annotated[int, Field(ge=1, le=32)]], Field(min_length=2, max_length=2)]
+    moves: list[ControlPointMove] = Field(min_length=1)
+    continuity: list[Annotated[int, Field(ge=0)]] = Field(default=[0, 1], max_length=3)
+    warp: Warp = Warp()
+
+    @model_validator(mode="after")
+    def _check(self) -> "FreeFormExperiment":
+        m, n = self.degrees
+        for move in self.moves:
+            if move.column > m or move.row > n:
+                raise ValueError(
+                    f"'moves' must name control points of columns 0 to {m} and rows 0 to {n}, got column "
+                    f"{move.column}, row {move.row}"
+                )
+        places = [(move.column, move.row) for move in self.moves]
+        if len(set(places)) < len(places):
+            raise ValueError("'moves' must name each control point once")
+        if self.continuity and min(m, n) < 2 * max(self.continuity) + 2:
+            raise ValueError(
+                f"'continuity' of order {max(self.continuity)} leaves no control point free: it takes 'degrees' of at "
+                f"least {2 * max(self.continuity) + 2}, got {self.degrees}"
+            )
+        return self
+
+    def run(self, configuration: Configuration, folder: Path, progress: Console) -> Outcome:
+        """Carries out the experiment."""
+        return perform_free_form(configuration, self, folder, progress)
+
 
 _SUPERSCRIPTS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 _LATTICE = ("border", "column", "row", "initial_x", "initial_y", "x", "y", "weight", "frozen")

@@ -1,12 +1,16 @@
 """Eqs. 1 and 2: the radial geodesic distance from the tip of the nose, beside the shortest one and the planar one."""
 
+import itertools
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field, model_validator
 from rich.console import Console, RenderableType
 from rich.text import Text
 
 from jaxlens.experiments.config import Configuration
+from jaxlens.experiments.experiment import Experiment
 from jaxlens.experiments.geodesic_distances import (
     Convergence,
     Distances,
@@ -15,12 +19,42 @@ from jaxlens.experiments.geodesic_distances import (
     surface_distances,
     ways_to,
 )
-from jaxlens.experiments.kinds.outcome import Outcome, progress_bar
+from jaxlens.experiments.outcome import Outcome, progress_bar
 from jaxlens.experiments.reports import plain_table
-from jaxlens.experiments.schema import GeodesicsExperiment
+from jaxlens.experiments.schema import Surface
 from jaxlens.experiments.tables import write_csv
 from jaxlens.figures.geodesics import convergence_chart, distance_maps, path_panel, ratio_maps
 from jaxlens.figures.style import save
+
+
+class GeodesicsExperiment(Experiment):
+    """Three distances from the tip of the nose, and two of them on a sphere, where they are known: Eqs. 1 and 2.
+
+    Attributes:
+        surface: The face.
+        step: From one drawn curve of equal distance to the next, in the surface's unit.
+        paths: Points about the nose, evenly spaced by angle, from which shortest paths are drawn.
+        reach: How far out these points lie, as a share of the way to the border of the surface.
+        sizes: Sides of the depth maps of the sphere's cap, in pixels, each larger than the one before.
+        slope: Of the cap at its rim.
+    """
+
+    surface: Surface
+    step: float = Field(default=0.05, gt=0)
+    paths: int = Field(default=12, ge=1, le=24)
+    reach: float = Field(default=0.9, gt=0, le=1)
+    sizes: list[Annotated[int, Field(ge=16, le=2048)]] = Field(default=[64, 128, 256, 512], min_length=2)
+    slope: float = Field(default=2.0, gt=0, le=20)
+
+    @model_validator(mode="after")
+    def _check(self) -> "GeodesicsExperiment":
+        if any(b <= a for a, b in itertools.pairwise(self.sizes)):
+            raise ValueError(f"'sizes' must grow, got {self.sizes}")
+        return self
+
+    def run(self, configuration: Configuration, folder: Path, progress: Console) -> Outcome:
+        """Carries out the experiment."""
+        return perform_geodesics(configuration, self, folder, progress)
 
 
 def perform_geodesics(

@@ -3,8 +3,11 @@
 from pathlib import Path
 
 import numpy as np
+from pydantic import Field
+from rich.console import Console
 
-from jaxlens.experiments.kinds.outcome import Outcome
+from jaxlens.experiments.config import Configuration
+from jaxlens.experiments.experiment import Experiment
 from jaxlens.experiments.linegrids import (
     SETTINGS,
     bend_of_curve,
@@ -13,11 +16,30 @@ from jaxlens.experiments.linegrids import (
     picture,
     straight_picture,
 )
+from jaxlens.experiments.outcome import Outcome
 from jaxlens.experiments.reports import plain_table
-from jaxlens.experiments.schema import GridsExperiment
 from jaxlens.experiments.tables import Value, write_csv
 from jaxlens.figures.linegrids import curve_panel, picture_panel
 from jaxlens.figures.style import save
+
+
+class GridsExperiment(Experiment):
+    """Line grids through one-parameter lenses: the paper's Figures 3 and 4.
+
+    Attributes:
+        k: The coefficients.
+        lines: Of the grid, along each side.
+        size: Side of the raster grid, in pixels.
+    """
+
+    k: list[float] = Field(default=[-0.3, 0.3], min_length=1, max_length=6)
+    lines: int = Field(default=11, ge=2, le=101)
+    size: int = Field(default=401, ge=16, le=2048)
+
+    def run(self, configuration: Configuration, folder: Path, progress: Console) -> Outcome:
+        """Carries out the experiment."""
+        return perform_grids(self, folder)
+
 
 _HEADER = ("setting", "k", "distortion", "bend_of_curve_px", "bend_of_picture_px")
 

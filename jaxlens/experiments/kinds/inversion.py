@@ -1,20 +1,61 @@
 """Lenses recovered from points and from pictures, their errors beside the predicted standard errors."""
 
 from pathlib import Path
+from typing import Annotated
 
 import jax
 import jax.numpy as jnp
+from pydantic import Field, model_validator
 from rich.console import Console, RenderableType
 
 from jaxlens.experiments.config import Configuration
+from jaxlens.experiments.experiment import Experiment
 from jaxlens.experiments.inverting import Recovery, from_pictures, from_points
-from jaxlens.experiments.kinds.outcome import Outcome, progress_bar
+from jaxlens.experiments.outcome import Outcome, progress_bar
 from jaxlens.experiments.reports import plain_table
-from jaxlens.experiments.schema import InversionExperiment
+from jaxlens.experiments.schema import Image, Kappa
 from jaxlens.experiments.sources import load_source
 from jaxlens.experiments.tables import write_csv
 from jaxlens.figures.inversions import error_chart
 from jaxlens.figures.style import save
+
+Noise = Annotated[list[Annotated[float, Field(ge=0)]], Field(min_length=1)]
+
+
+class InversionExperiment(Experiment):
+    """Lenses recovered from what they did: from points, and from pairs of pictures, under noise.
+
+    Attributes:
+        image: The undistorted image.
+        kappa: The lenses, all of the same order.
+        picture_noise: Standard deviations of the noise of gray values, as shares of the peak.
+        picture_seeds: Distorted pictures of each lens and noise level.
+        gain: Of the distorted picture's gray values, unknown to the fit.
+        offset: Likewise, as a share of the peak.
+        point_noise: Standard deviations of the noise of a coordinate, in pixels.
+        point_seeds: Sets of points of each lens and noise level.
+        points: In a set, spread evenly over the distorted picture.
+    """
+
+    image: Image
+    kappa: list[Kappa] = Field(min_length=1, max_length=7)
+    picture_noise: Noise
+    picture_seeds: int = Field(default=5, ge=2, le=1000)
+    gain: float = Field(default=0.9, gt=0)
+    offset: float = 0.05
+    point_noise: Noise
+    point_seeds: int = Field(default=200, ge=2, le=10000)
+    points: int = Field(default=200, ge=4, le=100_000)
+
+    @model_validator(mode="after")
+    def _check(self) -> "InversionExperiment":
+        if len({len(one) for one in self.kappa}) > 1:
+            raise ValueError("'kappa' must hold vectors of one length")
+        return self
+
+    def run(self, configuration: Configuration, folder: Path, progress: Console) -> Outcome:
+        """Carries out the experiment."""
+        return perform_inversion(configuration, self, folder, progress)
 
 
 def perform_inversion(

@@ -4,19 +4,47 @@ from pathlib import Path
 
 import jax
 import numpy as np
-from rich.console import RenderableType
+from pydantic import Field
+from rich.console import Console, RenderableType
 
 from jaxlens.experiments.config import Configuration
 from jaxlens.experiments.errors import ConfigError
-from jaxlens.experiments.kinds.outcome import Outcome
+from jaxlens.experiments.experiment import Experiment
 from jaxlens.experiments.noises import Spread, arrangements, scores, spread_of
+from jaxlens.experiments.outcome import Outcome
 from jaxlens.experiments.reports import plain_table
-from jaxlens.experiments.schema import NoiseExperiment
+from jaxlens.experiments.schema import Image, Kappa, Warp
 from jaxlens.experiments.sources import Source, load_source
-from jaxlens.experiments.sweeping import deform_all
+from jaxlens.experiments.sweep.scoring import deform_all
 from jaxlens.experiments.tables import Value, write_csv
 from jaxlens.figures.noises import arrangement_panel, noise_panel, spread_chart
 from jaxlens.figures.style import kappa_label, save
+
+
+class NoiseExperiment(Experiment):
+    """Noise that is the same over the entire image, and what MSE does not see of errors: Figure 7.
+
+    Attributes:
+        image: The image.
+        other: The picture that the same errors are added to; scaled to the image's size.
+        noise: Standard deviation of the noise, as a share of the peak; by default that of the root of the mean square
+            of the lens's errors.
+        kappa: The lens whose errors stand beside the noise.
+        block: Side of the blocks in which the errors' spread is measured, in pixels.
+        warp: How the image is sampled.
+    """
+
+    image: Image
+    other: Image
+    noise: float | None = Field(default=None, gt=0)
+    kappa: Kappa
+    block: int = Field(default=16, ge=2)
+    warp: Warp = Warp()
+
+    def run(self, configuration: Configuration, folder: Path, progress: Console) -> Outcome:
+        """Carries out the experiment."""
+        return perform_noise(configuration, self, folder)
+
 
 # The smallest picture that holds a window of SSIM.
 _LEAST = 11

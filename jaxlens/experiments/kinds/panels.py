@@ -4,20 +4,40 @@ from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
+from pydantic import Field
 from rich.console import Console
 
 from jaxlens.diagnostics import multiplicity
 from jaxlens.experiments.config import Configuration
-from jaxlens.experiments.kinds.outcome import Outcome, progress_bar
+from jaxlens.experiments.experiment import Experiment
+from jaxlens.experiments.outcome import Outcome, progress_bar
 from jaxlens.experiments.reports import plain_table
-from jaxlens.experiments.schema import PanelsExperiment
+from jaxlens.experiments.schema import Image, Kappa, Warp
 from jaxlens.experiments.sources import load_source
-from jaxlens.experiments.sweeping import deform_all
+from jaxlens.experiments.sweep.scoring import deform_all
 from jaxlens.experiments.tables import kappa_columns, write_csv
 from jaxlens.figures.multiplicities import multiplicity_panel
 from jaxlens.figures.style import save
 from jaxlens.lenses import RadialPolynomial
 from jaxlens.warping import distortion_map
+
+
+class PanelsExperiment(Experiment):
+    """One image and what lenses make of it, with the count of its pixels that land on several: Figure 6.
+
+    Attributes:
+        image: The undistorted image.
+        kappa: The lenses.
+        warp: How it is sampled.
+    """
+
+    image: Image
+    kappa: list[Kappa] = Field(min_length=1, max_length=11)
+    warp: Warp = Warp()
+
+    def run(self, configuration: Configuration, folder: Path, progress: Console) -> Outcome:
+        """Carries out the experiment."""
+        return perform_panels(configuration, self, folder, progress)
 
 
 def perform_panels(

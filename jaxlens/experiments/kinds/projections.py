@@ -3,17 +3,53 @@
 from pathlib import Path
 
 import numpy as np
+from pydantic import Field, model_validator
+from rich.console import Console
 
 from jaxlens.experiments.config import Configuration
 from jaxlens.experiments.errors import ConfigError
-from jaxlens.experiments.kinds.outcome import Outcome
+from jaxlens.experiments.experiment import Experiment
+from jaxlens.experiments.outcome import Outcome
 from jaxlens.experiments.projecting import AXES, Axis, Profile, distorted, profiles
 from jaxlens.experiments.reports import plain_table
-from jaxlens.experiments.schema import ProjectionsExperiment
+from jaxlens.experiments.schema import Image, Warp
 from jaxlens.experiments.sources import load_source
 from jaxlens.experiments.tables import Value, write_csv
 from jaxlens.figures.projections import displacement_chart, projection_panel
 from jaxlens.figures.style import save
+
+
+class ProjectionsExperiment(Experiment):
+    """Integral projections of an image and of what one-parameter lenses make of it: Figure 5.
+
+    Attributes:
+        image: The image.
+        k: Coefficients of Section 2.4, where 1 + k r² takes output to source: k > 0 is barrel.
+        window: Length of the pieces of a projection that are compared, in pixels, odd.
+        largest: The largest displacement that is looked for, in pixels.
+        least_score: Correlation of two pieces below which they do not count as the same.
+        warp: How the image is sampled.
+    """
+
+    image: Image
+    k: list[float] = Field(default=[0.3, -0.3], min_length=1, max_length=3)
+    window: int = Field(default=31, ge=3)
+    largest: int = Field(default=16, ge=1)
+    least_score: float = Field(default=0.9, ge=-1, le=1)
+    warp: Warp = Warp()
+
+    @model_validator(mode="after")
+    def _check(self) -> "ProjectionsExperiment":
+        if self.window % 2 == 0:
+            raise ValueError(f"'window' must be odd, got {self.window}")
+        if len(set(self.k)) < len(self.k):
+            raise ValueError("'k' must hold each coefficient once")
+        return self
+
+    def run(self, configuration: Configuration, folder: Path, progress: Console) -> Outcome:
+        """Carries out the experiment."""
+        return perform_projections(configuration, self, folder)
+
 
 _HEADER = (
     "k",

@@ -3,20 +3,52 @@
 from pathlib import Path
 
 import numpy as np
+from pydantic import Field, model_validator
 from rich.console import Console, RenderableType
 from rich.text import Text
 
 from jaxlens.experiments import paper
 from jaxlens.experiments.config import Configuration
-from jaxlens.experiments.kinds.outcome import Outcome, progress_bar
+from jaxlens.experiments.experiment import Experiment
+from jaxlens.experiments.outcome import Outcome, progress_bar
 from jaxlens.experiments.readings import READINGS, Reading
 from jaxlens.experiments.reports import new_table
-from jaxlens.experiments.schema import ReadingsExperiment
+from jaxlens.experiments.schema import Image, Warp
 from jaxlens.experiments.sources import Source, load_source
-from jaxlens.experiments.sweeping import deform_all, sweep
+from jaxlens.experiments.sweep.scoring import deform_all, score_lenses
 from jaxlens.experiments.tables import Value, write_csv
 from jaxlens.figures.readings import distance_chart, psnr_chart, reading_panel
 from jaxlens.figures.style import save
+
+
+class ReadingsExperiment(Experiment):
+    """The three readings of Eq. 11 against Table 1, over several images.
+
+    Attributes:
+        images: The images, each with a peak.
+        warp: How they are sampled.
+        memory_mb: As in a sweep.
+    """
+
+    images: list[Image] = Field(min_length=1)
+    warp: Warp = Warp()
+    memory_mb: float = Field(default=256.0, gt=0)
+
+    @model_validator(mode="after")
+    def _check(self) -> "ReadingsExperiment":
+        labels = [image.label for image in self.images]
+        if len(set(labels)) < len(labels):
+            raise ValueError("'images' must have different names; give each a 'name'")
+        return self
+
+    def with_picture(self, path: str) -> "ReadingsExperiment":
+        """As the base class says, in place of all images."""
+        return self.model_copy(update={"images": [self.images[0].replaced_by(path)]})
+
+    def run(self, configuration: Configuration, folder: Path, progress: Console) -> Outcome:
+        """Carries out the experiment."""
+        return perform_readings(configuration, self, folder, progress)
+
 
 _KAPPA = np.array([row.kappa for row in paper.TABLE_1])
 # The lens whose pictures are shown.
@@ -38,7 +70,7 @@ def perform_readings(
     with progress_bar(progress, experiment.name, len(sources) * len(READINGS)) as advance:
         for source in sources:
             for reading in READINGS:
-                found = sweep(
+                found = score_lenses(
                     source.pixels,
                     _KAPPA,
                     peak=source.peak,

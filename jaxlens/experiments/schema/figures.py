@@ -2,9 +2,8 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
-
 from jaxlens.experiments.schema.tables import Common, Crop, Image, Kappa, Table, Warp
+from pydantic import Field, model_validator
 
 
 class SurfacePlotExperiment(Common):

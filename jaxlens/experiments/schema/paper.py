@@ -2,9 +2,8 @@
 
 from typing import Literal
 
-from pydantic import Field, model_validator
-
 from jaxlens.experiments.schema.tables import Common, Image, Kappa, Lenses, Warp
+from pydantic import Field, model_validator
 
 
 class SweepExperiment(Common):

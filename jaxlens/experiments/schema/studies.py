@@ -3,9 +3,8 @@
 import itertools
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
-
 from jaxlens.experiments.schema.tables import Common, Image, Kappa, Table
+from pydantic import Field, model_validator
 
 Noise = Annotated[list[Annotated[float, Field(ge=0)]], Field(min_length=1)]
 

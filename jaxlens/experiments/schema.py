@@ -1,9 +1,13 @@
-"""The tables that several kinds of experiment share."""
+"""The tables of an experiment's TOML file that several kinds of experiment share.
+
+Only pydantic is imported here, so that a mistake in a file is reported before anything heavy is loaded.
+"""
 
 import itertools
 import math
-from collections.abc import Sequence
-from typing import Annotated, ClassVar, Literal
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
@@ -23,10 +27,33 @@ Name = Annotated[str, AfterValidator(_plain_name)]
 Kappa = Annotated[list[float], Field(min_length=1)]
 
 
+@dataclass(frozen=True)
+class InputFile:
+    """Marks a key that names a file to read, relative to the configuration: `Annotated[str, InputFile("mesh file")]`.
+
+    Attributes:
+        noun: What messages call it.
+    """
+
+    noun: str
+
+
 class Table(BaseModel):
     """A table of the file: strict types, finite numbers, no unknown keys."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
+
+    def input_files(self, prefix: str = "") -> Iterator[tuple[str, str, str]]:
+        """Yields key, value and noun of every key, in tables of the table too, that is marked as an `InputFile`."""
+        for name, field in type(self).model_fields.items():
+            value = getattr(self, name)
+            noun = next((mark.noun for mark in field.metadata if isinstance(mark, InputFile)), None)
+            if noun is not None and value is not None:
+                yield prefix + name, value, noun
+            parts = {f"{name}[{i}]": one for i, one in enumerate(value)} if isinstance(value, list) else {name: value}
+            for key, part in parts.items():
+                if isinstance(part, Table):
+                    yield from part.input_files(f"{prefix}{key}.")
 
 
 class Crop(Table):
@@ -57,7 +84,7 @@ class Image(Table):
 
     name: str | None = None
     source: Literal["portrait", "face", "head", "checkerboard", "clouds"] | None = None
-    path: str | None = None
+    path: Annotated[str | None, InputFile("picture file")] = None
     height: int | None = Field(default=None, ge=1, le=8192)
     width: int | None = Field(default=None, ge=1, le=8192)
     crop: Crop | None = None
@@ -74,6 +101,10 @@ class Image(Table):
         if not made and (self.height is not None or self.width is not None):
             raise ValueError("'height' and 'width' are for images that are made; use 'crop' for a part of a picture")
         return self
+
+    def replaced_by(self, path: str) -> "Image":
+        """Returns a picture file, all of it, with this image's `gray` and `peak`."""
+        return Image(path=path, gray=self.gray, peak=self.peak)
 
     @property
     def label(self) -> str:
@@ -134,26 +165,44 @@ class Warp(Table):
     antialias: bool = False
 
 
-class Common(Table):
-    """What every experiment says.
+class ControlPointMove(Table):
+    """What becomes of one control point of a free-form deformation.
 
     Attributes:
-        name: Of the results' folder.
-        title: Of the report and the figures.
-        dtype: In which everything is computed.
-        seed: Of random patterns.
-        order: Of its section on the page that `jaxlens reproduce` writes; the least comes first.
-        caption: What the section begins with: what was done, and what came out.
-        captions: Of figures and tables, by the names of their files without the suffix, in the order of the page.
+        column: i, from 0 at the left to the degree m.
+        row: j, from 0 at the top to the degree n.
+        dx: To the right, in pixels.
+        dy: Downwards, in pixels.
+        weight: Of the control point, relative to those left alone.
     """
 
-    # What is only shown: it changes no result.
-    presentation: ClassVar = ("order", "caption", "captions")
+    column: int = Field(ge=0)
+    row: int = Field(ge=0)
+    dx: float = 0.0
+    dy: float = 0.0
+    weight: float = Field(default=1.0, gt=0)
 
-    name: Name
-    title: str | None = None
-    dtype: Literal["float32", "float64"] = "float64"
-    seed: int = Field(default=0, ge=0, lt=2**32)
-    order: int = 1000
-    caption: str = ""
-    captions: dict[str, str] = {}
+
+class Surface(Table):
+    """A surface seen from the front: the face that is made by a formula, or a mesh file.
+
+    Attributes:
+        source: `face`, the mean face of `jaxlens.surfaces`.
+        path: A mesh file (OBJ, PLY, STL; needs the extra `meshes`), relative to the configuration. Its x runs to the
+            right, its y upwards, and it looks towards +z.
+        height: Of the depth map, in pixels.
+        width: Of the depth map, in pixels.
+        unit: What figures and tables call the surface's unit of length.
+    """
+
+    source: Literal["face"] | None = None
+    path: Annotated[str | None, InputFile("mesh file")] = None
+    height: int = Field(ge=16, le=4096)
+    width: int = Field(ge=16, le=4096)
+    unit: str = "head heights"
+
+    @model_validator(mode="after")
+    def _check(self) -> "Surface":
+        if (self.source is None) == (self.path is None):
+            raise ValueError("must have either 'source' or 'path', and not both")
+        return self

@@ -1,17 +1,52 @@
 """Figures 1 and 8: gray values as heights, and what smoothing leaves of them."""
 
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
+from pydantic import Field
+from rich.console import Console
 
 from jaxlens.experiments.config import Configuration
-from jaxlens.experiments.kinds.outcome import Outcome
+from jaxlens.experiments.experiment import Experiment
+from jaxlens.experiments.outcome import Outcome
 from jaxlens.experiments.reports import plain_table
-from jaxlens.experiments.schema import SurfacePlotExperiment
+from jaxlens.experiments.schema import Image
 from jaxlens.experiments.sources import load_source
 from jaxlens.experiments.tables import Value, write_csv
 from jaxlens.figures.style import save
 from jaxlens.figures.surfaces import smoothed, surface_figure
+
+
+class SurfacePlotExperiment(Experiment):
+    """An image's gray values as heights, seen in perspective: Figures 1 and 8.
+
+    Attributes:
+        image: The image.
+        drawings: The ways of drawing, a panel each: a net, a closed surface in the image's grays, lines of equal
+            height.
+        smoothing: Standard deviation, in pixels, of the Gaussian that the heights are smoothed with.
+        perspective: One over the viewer's distance from the image's centre, in half diagonals; 0 is parallel
+            projection.
+        relief: Height of white, in half diagonals.
+        azimuth: By how many degrees the landscape is turned, counterclockwise from above.
+        elevation: Of the viewer, in degrees: 90 looks straight down.
+    """
+
+    image: Image
+    drawings: list[Literal["mesh", "filled", "isolines"]] = Field(
+        default=["mesh", "filled", "isolines"], min_length=1, max_length=3
+    )
+    smoothing: float = Field(default=11.5, ge=0, le=1000)
+    perspective: float = Field(default=0.22, ge=0, lt=0.7)
+    relief: float = Field(default=0.5, ge=0, le=10)
+    azimuth: float = 25.0
+    elevation: float = Field(default=50.0, gt=0, le=90)
+
+    def run(self, configuration: Configuration, folder: Path, progress: Console) -> Outcome:
+        """Carries out the experiment."""
+        return perform_surface_plot(configuration, self, folder)
+
 
 _HEADER = ("heights", "least", "greatest", "mean", "standard_deviation", "steepest_per_px")
 

@@ -37,7 +37,7 @@ def lanes_within(memory_mb: float, pixels: Float[np.ndarray, "height width *chan
     return max(lanes for lanes in (1, 2, _MOST_LANES) if lanes == 1 or lanes <= fitting)
 
 
-def sweep(
+def score_lenses(
     pixels: Float[np.ndarray, "height width *channels"],
     kappa: Float[np.ndarray, "lenses order"],
     *,
@@ -77,14 +77,14 @@ def sweep(
         padded = np.pad(now, ((0, CHUNK - len(now)), (0, 0)), mode="edge").astype(pixels.dtype)
         lenses = jnp.asarray(padded.reshape(CHUNK // lanes, lanes, order))
         rounds = jnp.asarray(-(-len(now) // lanes), jnp.int32)
-        scores = _sweep_chunk(image, lenses, rounds, jnp.asarray(peak, pixels.dtype), reading=reading, warp=warp)
+        scores = _score_chunk(image, lenses, rounds, jnp.asarray(peak, pixels.dtype), reading=reading, warp=warp)
         columns.append({name: np.asarray(column).ravel()[: len(now)] for name, column in scores.items()})
         advance(len(now))
     return {name: np.concatenate([part[name] for part in columns]) for name in columns[0]}
 
 
 @partial(jax.jit, static_argnames=("reading", "warp"))
-def _sweep_chunk(
+def _score_chunk(
     image: Array,
     lenses: Float[Array, "groups lanes order"],
     rounds: Int[Array, ""],

@@ -1,21 +1,15 @@
-"""The sweep: one image, many lenses, every metric for each; on request beside Table 1."""
+"""The figures of a sweep."""
 
 from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
-from rich.console import Console, RenderableType
 
 from jaxlens.diagnostics import multiplicity
-from jaxlens.experiments.config import Configuration
-from jaxlens.experiments.kinds.outcome import Outcome, progress_bar
-from jaxlens.experiments.reports import comparison, extremes
-from jaxlens.experiments.schema import SweepExperiment
-from jaxlens.experiments.sources import Source, load_source
-from jaxlens.experiments.sweeping import deform_all, estimated_bytes, lanes_within, sweep
-from jaxlens.experiments.tables import kappa_columns, write_csv
-from jaxlens.figures import charts
-from jaxlens.figures.coverages import coverage_chart
+from jaxlens.experiments.sources import Source
+from jaxlens.experiments.sweep import SweepExperiment, charts
+from jaxlens.experiments.sweep.coverage import coverage_chart
+from jaxlens.experiments.sweep.scoring import deform_all
 from jaxlens.figures.pictures import deformed_panel, error_panel
 from jaxlens.figures.style import kappa_label, save
 from jaxlens.lenses import RadialPolynomial
@@ -26,40 +20,10 @@ _MOST_PICTURES = 6
 _MOST_DOTS = 12
 
 
-def perform_sweep(
-    configuration: Configuration, experiment: SweepExperiment, folder: Path, progress: Console
-) -> Outcome:
-    """Carries out a sweep."""
-    source = load_source(configuration, experiment.image)
-    kappa = np.asarray(experiment.lenses.coefficients(), np.float64)
-    with progress_bar(progress, experiment.name, len(kappa)) as advance:
-        scores = sweep(
-            source.pixels,
-            kappa,
-            peak=source.peak,
-            warp=experiment.warp,
-            memory_mb=experiment.memory_mb,
-            advance=advance,
-        )
-    write_csv(folder, kappa_columns(kappa) | scores)
-    _draw_pictures(source, kappa, scores, experiment, folder)
-    _draw_metrics(kappa, scores, experiment, folder)
-    facts: dict[str, object] = {
-        "lenses": len(kappa),
-        "lanes": lanes_within(experiment.memory_mb, source.pixels),
-        "estimated_mb_per_lens": round(estimated_bytes(source.pixels) / 1e6, 1),
-    }
-    report: list[RenderableType]
-    if experiment.compare is not None:
-        report = comparison(kappa, scores, peak=source.peak, title=experiment.title or experiment.name)
-    else:
-        report = extremes(kappa, scores, title=experiment.title or experiment.name)
-    return Outcome([source.facts], facts, report)
-
-
-def _draw_pictures(
+def draw_pictures(
     source: Source, kappa: np.ndarray, scores: dict[str, np.ndarray], experiment: SweepExperiment, folder: Path
 ) -> None:
+    """Draws some of the deformed images, their errors, and what of the initial image each lens shows."""
     count = min(len(kappa), _MOST_PICTURES)
     chosen = np.unique(np.linspace(0, len(kappa) - 1, count).round().astype(int))
     lenses = kappa[chosen]
@@ -87,7 +51,8 @@ def _outline(coordinates: np.ndarray) -> np.ndarray:
     return np.concatenate([top, right, bottom, left])
 
 
-def _draw_metrics(kappa: np.ndarray, scores: dict[str, np.ndarray], experiment: SweepExperiment, folder: Path) -> None:
+def draw_metrics(kappa: np.ndarray, scores: dict[str, np.ndarray], experiment: SweepExperiment, folder: Path) -> None:
+    """Draws the metrics against the lenses."""
     compare = experiment.compare is not None
     if len(kappa) <= _MOST_DOTS:
         save(charts.metric_chart(kappa, scores, compare=compare), folder, "metrics", vector=True)
