@@ -132,7 +132,8 @@ LAYERS = (
     ("files", "columns"),
     ("surfaces",),
     ("images", "calibrations"),
-    ("experiments", "figures"),
+    ("figures",),
+    ("experiments",),
     ("cli",),
     ("__main__",),
 )

@@ -5,8 +5,8 @@ from .errors import ExperimentError as ExperimentError
 from .experiment import Experiment as Experiment
 from .outcome import Outcome as Outcome
 from .outcome import progress_bar as progress_bar
-from .readings import READINGS as READINGS
-from .readings import Reading as Reading
+from .paper import READINGS as READINGS
+from .paper import Reading as Reading
 from .readings import source_map as source_map
 from .reports import new_table as new_table
 from .reports import plain_table as plain_table

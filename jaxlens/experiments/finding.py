@@ -14,22 +14,7 @@ from jaxlens.experiments.errors import ConfigError
 from jaxlens.experiments.experiment import Experiment
 from jaxlens.experiments.imports import PACKAGE, Source, imported
 
-BUILT_IN = {"sweep": "jaxlens.experiments.sweep"} | {
-    name: f"jaxlens.experiments.kinds.{name}"
-    for name in (
-        "boards",
-        "free_form",
-        "geodesics",
-        "grids",
-        "inversion",
-        "noise",
-        "panels",
-        "projections",
-        "readings",
-        "surface_plot",
-        "unknown",
-    )
-}
+BUILT_IN = {"sweep": "jaxlens.experiments.sweep"}
 """The kinds that are built in, and their modules."""
 RUNNER = "jaxlens.experiments.runner"
 

@@ -14,14 +14,13 @@ class Source:
     """The source of a module.
 
     Attributes:
-        text: Its own; lines end in a newline, whatever Git was told.
-        names: Where the names come from that it hands on: its stub, if it has one, else its text.
-        package: Whether it is a package's `__init__.py`.
+        text: What it says, and what its stub says, where the names stand that a lazy package hands on. Lines end in a
+            newline, whatever Git was told.
+        package: Whether it is a package's `__init__`.
     """
 
     text: str
-    names: str
-    package: bool
+    package: bool = False
 
     @classmethod
     def read(cls, path: Path) -> "Source":
@@ -31,8 +30,8 @@ class Source:
             OSError: it cannot be read.
             UnicodeDecodeError: it is no text.
         """
-        text, stub = path.read_text(encoding="utf-8"), path.with_suffix(".pyi")
-        return cls(text, stub.read_text(encoding="utf-8") if stub.is_file() else text, path.stem == "__init__")
+        files = [path, *(stub for stub in [path.with_suffix(".pyi")] if stub.is_file())]
+        return cls("\n".join(file.read_text(encoding="utf-8") for file in files), path.stem == "__init__")
 
     @property
     def sha256(self) -> str:
@@ -73,90 +72,59 @@ def imported(start: str, read: Read) -> dict[str, Source]:
         source = read(name)
         if source is not None and name not in found:
             found[name] = source
-            for full_name in _used(name, source):
-                waiting += _modules(full_name, read)
+            waiting += [module for used in _used(name, source) for module in _modules(used, read)]
     return found
 
 
 def _modules(full_name: str, read: Read) -> Iterator[str]:
     """The module of that name, or those where what has that name is defined."""
+    parent, _, name = full_name.rpartition(".")
     if read(full_name) is not None:
         yield full_name
-        return
-    parent, _, name = full_name.rpartition(".")
-    source = read(parent) if parent else None
-    if source is not None and name in (given := _given(parent, source)):
-        for other in given[name] - {full_name}:
-            yield from _modules(other, read)
     elif parent:
-        yield from _modules(parent, read)
+        source = read(parent)
+        handed_on = _bindings(parent, source).get(name, set()) - {full_name} if source is not None else set()
+        for other in handed_on or {parent}:
+            yield from _modules(other, read)
 
 
 @cache
-def _given(module: str, source: Source) -> dict[str, frozenset[str]]:
-    """The names that a module imports, and the full names behind them."""
-    return _bindings(_parse(source.names), module, source.package)
-
-
-@cache
-def _used(module: str, source: Source) -> frozenset[str]:
-    """Full names of all that a module imports; of what it uses by names alone, these."""
-    tree = _parse(source.text)
-    bindings = dict(_bindings(tree, module, source.package))
-    finder = _Finder(bindings)
-    finder.visit(tree)
-    unused = {name for local in bindings.keys() - finder.seen for name in bindings[local]}
-    # A package whose names a stub lists, imported whole, is all of these.
-    handed_on = {} if source.names == source.text else _given(module, source)
-    return frozenset(finder.used | unused | {name for names in handed_on.values() for name in names})
-
-
-class _Finder(ast.NodeVisitor):
-    """Finds the uses of imported names, `a` and `a.b.c`, each as long as it is written."""
-
-    def __init__(self, bindings: dict[str, frozenset[str]]):
-        self.bindings, self.used, self.seen = bindings, set[str](), set[str]()
-
-    def visit_Attribute(self, node: ast.Attribute) -> None:
-        parts, inner = [node.attr], node.value
-        while isinstance(inner, ast.Attribute):
-            parts.append(inner.attr)
-            inner = inner.value
-        if isinstance(inner, ast.Name):
-            self._note(inner.id, parts[::-1])
-        else:
-            self.visit(inner)
-
-    def visit_Name(self, node: ast.Name) -> None:
-        self._note(node.id, [])
-
-    def _note(self, local: str, attributes: list[str]) -> None:
-        if local in self.bindings:
-            self.seen.add(local)
-            self.used |= {".".join([name, *attributes]) for name in self.bindings[local]}
-
-
-def _bindings(tree: ast.Module, module: str, package: bool) -> dict[str, frozenset[str]]:
-    """Local names and the full names that they are imported from; one may mean several, in several functions."""
-    found: defaultdict[str, set[str]] = defaultdict(set)
+def _used(module: str, source: Source) -> set[str]:
+    """Full names of all that a module imports; where it uses something of that by name, the longer names."""
+    bindings, tree = _bindings(module, source), _parse(source)
+    inner = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+    used, seen = set[str](), set[str]()
     for node in ast.walk(tree):
+        # As long as it is written, `a.b.c`; what is taken of a call, `a.b().c`, is its own name and the call's.
+        if isinstance(node, ast.Name | ast.Attribute) and id(node) not in inner and "(" not in ast.unparse(node):
+            local, dot, attributes = ast.unparse(node).partition(".")
+            used |= {name + dot + attributes for name in bindings.get(local, ())}
+            seen.add(local)
+    return used | {name for local in bindings.keys() - seen for name in bindings[local]}
+
+
+@cache
+def _bindings(module: str, source: Source) -> dict[str, set[str]]:
+    """Local names and the full names that they are imported from; one may mean several, in several functions."""
+    found = defaultdict[str, set[str]](set)
+    for node in ast.walk(_parse(source)):
         if isinstance(node, ast.Import):
             for alias in node.names:
                 first = alias.name.partition(".")[0]
                 found[alias.asname or first].add(alias.name if alias.asname else first)
         elif isinstance(node, ast.ImportFrom):
             parts = module.split(".")
-            above = parts[: len(parts) - node.level + package] if node.level else []
+            above = parts[: len(parts) - node.level + source.package] if node.level else []
             base = ".".join([*above, *([node.module] if node.module else [])])
             for alias in node.names:
                 found[alias.asname or alias.name].add(base if alias.name == "*" else f"{base}.{alias.name}")
-    return {local: frozenset(names) for local, names in found.items()}
+    return found
 
 
 @cache
-def _parse(text: str) -> ast.Module:
+def _parse(source: Source) -> ast.Module:
     try:
-        return ast.parse(text)
+        return ast.parse(source.text)
     except SyntaxError:
         # Said where it is imported.
         return ast.Module([], [])

@@ -96,7 +96,7 @@ def test_results_are_stale_when_a_module_that_ran_has_changed_and_not_when_anoth
     (folder / "numbers.py").write_text("def side():\n    return 2.0\n")
     assert states() == ["done", ""]
     assert Path("results/s/table.csv").read_text() == "x,dtype\n10,float64\n"
-    other = Source("edited", "edited", False)
+    other = Source("edited")
     for name, stale in {
         "jaxlens.images.exif": False,
         "jaxlens.lenses._division": False,
@@ -185,7 +185,7 @@ def test_the_papers_kinds_use_public_names_alone(path: Path):
 def sources(**texts: str):
     """A package of modules, by their texts; a name with `__init__` at its end is a package."""
     return {
-        name.replace("__", ".").removesuffix(".init"): Source(text, text, name.endswith("__init"))
+        name.replace("__", ".").removesuffix(".init"): Source(text, name.endswith("__init"))
         for name, text in texts.items()
     }
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import PIL.Image
 import pytest
-from paper_kinds import write as write_kinds
+from paper_kinds import copy_kinds
 
 from jaxlens.experiments import ConfigError, Experiment, ExperimentError, Outcome, config, reproduce, reproduction
 
@@ -265,7 +265,9 @@ def test_what_is_said(performer: Performer, capsys: pytest.CaptureFixture[str]):
 
 def test_an_experiment_is_carried_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
-    write_kinds(tmp_path / "experiments", "g.toml", 'kind = "grids"\nname = "g"\nlines = 3\nsize = 61\nk = [0.3]')
+    path = write("g", "lines = 3", "size = 61", "k = [0.3]")
+    path.write_text(path.read_text().replace("tiny", "grids"))
+    copy_kinds(path.parent)
     assert again() == {"g": "done"}
     assert again() == {"g": "up to date"}
     page = Path("results/index.html").read_text(encoding="utf-8")

@@ -7,7 +7,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
-from paper_kinds import module_of, write
+from paper_kinds import copy_kinds, module_of
 from scipy.spatial.transform import Rotation
 
 import jaxlens as jl
@@ -34,8 +34,9 @@ turns = [[10, 5, 20], [-4, 9, -30]]
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     folder = tmp_path_factory.mktemp("rotation")
-    config = write(folder, "small.toml", SMALL)
-    first, second = (run(config, output=folder / name, quiet=True) for name in ("one", "two"))
+    copy_kinds(folder)
+    (folder / "small.toml").write_text(SMALL)
+    first, second = (run(folder / "small.toml", output=folder / name, quiet=True) for name in ("one", "two"))
     assert [path.name for path in first.files] == ["bias.png", "bias.svg", "manifest.json", "run.json", "table.csv"]
     return first.folder, second.folder
 
@@ -71,6 +72,7 @@ def test_turns_are_pan_tilt_and_roll_in_degrees(x64):
     np.testing.assert_allclose(found, Rotation.from_rotvec(vectors).as_matrix(), atol=1e-15)
 
 
+@pytest.mark.usefixtures("kinds")
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
@@ -80,6 +82,6 @@ def test_turns_are_pan_tilt_and_roll_in_degrees(x64):
     ],
 )
 def test_what_is_wrong_is_named(tmp_path: Path, old: str, new: str, said: str):
-    config = write(tmp_path, "small.toml", SMALL.replace(old, new))
+    (tmp_path / "small.toml").write_text(SMALL.replace(old, new))
     with pytest.raises(ConfigError, match=said):
-        run(config, quiet=True)
+        run(tmp_path / "small.toml", quiet=True)

@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 
 from jaxlens.experiments import config, paper, run
-from jaxlens.experiments.readings import READINGS
+from jaxlens.experiments.paper import READINGS
 from jaxlens.experiments.sources import load_source
 from jaxlens.experiments.sweep.scoring import deform_all
 

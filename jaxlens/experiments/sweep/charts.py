@@ -10,7 +10,8 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from jaxlens.experiments import paper
-from jaxlens.figures.style import BLUE, VERMILLION, WIDTH, new_figure, pair_label
+from jaxlens.figures.palette import BLUE, VERMILLION, WIDTH
+from jaxlens.figures.style import new_figure, pair_label
 
 UNITS = {"snr": "dB", "psnr": "dB", "rmse": "gray levels", "mae": "gray levels", "ssim": ""}
 # A lens of Table 1 on a heat map.

@@ -6,8 +6,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from jaxlens.figures.palette import MUTED, PALETTE, WIDTH
 from jaxlens.figures.pictures import cell_aspect
-from jaxlens.figures.style import MUTED, PALETTE, WIDTH, bare, kappa_label, new_figure
+from jaxlens.figures.style import bare, kappa_label, new_figure
 
 _STYLES = ("-", "--")
 

@@ -11,7 +11,8 @@ from jax import lax
 from jaxtyping import Array, Float, Int, Num
 
 from jaxlens import metrics
-from jaxlens.experiments.readings import Reading, source_map
+from jaxlens.experiments.paper import Reading
+from jaxlens.experiments.readings import source_map
 from jaxlens.experiments.schema import Warp
 from jaxlens.sampling import remap
 from jaxlens.warping import source_coordinates

@@ -9,7 +9,8 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from jaxlens.experiments import paper
-from jaxlens.experiments.unknown_pictures import measures
+
+from .search import measures
 
 # Steps towards the table, each by a share of what is left.
 _SHARES = (0.15,) * 30 + (0.6,) * 20

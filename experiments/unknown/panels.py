@@ -6,23 +6,12 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from jaxlens.experiments.exact_pictures import Exact
-from jaxlens.experiments.paper import PEAK
-from jaxlens.experiments.portraits import PARAMETERS, bounds
-from jaxlens.experiments.readings import READINGS, Reading
-from jaxlens.experiments.unknown_pictures import LABELS, Found
-from jaxlens.figures.pictures import place
-from jaxlens.figures.style import (
-    BLUE,
-    FAINT,
-    GREEN,
-    MUTED,
-    VERMILLION,
-    WIDTH,
-    bare,
-    new_figure,
-    show_image,
-)
+from jaxlens.experiments import READINGS, Reading, paper
+from jaxlens.figures import BLUE, FAINT, GREEN, MUTED, VERMILLION, WIDTH, bare, new_figure, place, show_image
+
+from .exact import Exact
+from .portraits import PARAMETERS, bounds
+from .search import LABELS, Found
 
 _MARKS: dict[Reading, tuple[str, str]] = {
     "functional inverse": (BLUE, "o"),
@@ -52,7 +41,7 @@ def picture_panel(pictures: Mapping[Reading, Sequence[tuple[np.ndarray, float]]]
             scale = side / max(height, wide)
             left = _MARGIN + column * (side + _GAP) + 0.5 * (side - scale * wide)
             axes = place(figure, left, top + 0.5 * (side - scale * height), scale * wide, scale * height)
-            show_image(axes, picture, PEAK, note=f"{rms:.2f} dB")
+            show_image(axes, picture, paper.PEAK, note=f"{rms:.2f} dB")
     return figure
 
 
@@ -171,7 +160,7 @@ def exact_panel(found: Sequence[tuple[Exact, float, Reading]]) -> Figure:
             axes = place(figure, left, top + 0.5 * (side - high), wide, high)
             if column < 2:
                 image = one.after if column else one.before
-                axes.imshow(image, cmap="gray", vmin=0, vmax=PEAK, aspect="auto", interpolation="antialiased")
+                axes.imshow(image, cmap="gray", vmin=0, vmax=paper.PEAK, aspect="auto", interpolation="antialiased")
             else:
                 axes.imshow(changed, cmap="PuOr", vmin=-limit, vmax=limit, aspect="auto", interpolation="antialiased")
             bare(axes)

@@ -1,75 +1,30 @@
 """The picture behind Table 1: how near a rendered face comes, and what the table can tell of it and what not."""
 
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
-from pydantic import Field, model_validator
 from rich.console import Console, RenderableType
 from rich.text import Text
 
-from jaxlens.experiments import paper
-from jaxlens.experiments.config import Configuration
-from jaxlens.experiments.exact_pictures import Exact, nearest_exact
-from jaxlens.experiments.experiment import Experiment
-from jaxlens.experiments.outcome import Outcome, progress_bar
-from jaxlens.experiments.portraits import PARAMETERS, bounds, render_fine
-from jaxlens.experiments.readings import READINGS, Reading
-from jaxlens.experiments.reports import plain_table
-from jaxlens.experiments.schema import Warp
-from jaxlens.experiments.sweep.scoring import deform_all
-from jaxlens.experiments.tables import Value, write_csv
-from jaxlens.experiments.unknown_pictures import (
-    HYPOTHESES,
-    KAPPA,
-    LABELS,
-    TRUSTED,
-    Found,
-    Hypothesis,
-    Search,
-    distinct,
-    goal,
+from jaxlens.experiments import (
+    READINGS,
+    Outcome,
+    Reading,
+    Value,
+    Warp,
+    deform_all,
+    paper,
+    plain_table,
+    progress_bar,
+    write_csv,
 )
-from jaxlens.figures.style import save
-from jaxlens.figures.unknown import (
-    exact_panel,
-    knowledge_chart,
-    picture_panel,
-    profile_chart,
-    residual_chart,
-)
+from jaxlens.figures import save
 
-
-class UnknownExperiment(Experiment):
-    """Table 1's picture, which was never published, sought among pictures of a face: what the table tells of it.
-
-    Attributes:
-        size: Of the square grid of pixels on which pictures are compared; they need not be square themselves.
-        candidates: Random pictures that are looked at for each way to read Eq. 11 and the table.
-        starts: So many of them, the nearest to the table, are fitted.
-        noise: How far a figure of the table may be off, as a standard deviation, in decibels.
-        profile: Heights of the picture, in head heights, at which the rest is fitted anew.
-        fine: Height in pixels of the pictures, with square pixels and whole gray levels, on which fits are measured
-            again.
-    """
-
-    size: int = Field(default=128, ge=16, le=512)
-    candidates: int = Field(default=200, ge=1, le=100_000)
-    starts: int = Field(default=4, ge=1, le=1000)
-    noise: float = Field(default=0.3, gt=0)
-    profile: list[Annotated[float, Field(ge=0.5, le=2.7)]] = Field(default=[0.8, 1.0, 1.25, 1.6], min_length=2)
-    fine: int = Field(default=400, ge=16, le=2048)
-
-    @model_validator(mode="after")
-    def _check(self) -> "UnknownExperiment":
-        if self.starts > self.candidates:
-            raise ValueError(f"'starts' must not exceed 'candidates' ({self.candidates}), got {self.starts}")
-        return self
-
-    def run(self, configuration: Configuration, folder: Path, progress: Console) -> Outcome:
-        """Carries out the experiment."""
-        return perform_unknown(self, folder, progress)
-
+from . import UnknownExperiment
+from .exact import Exact, nearest_exact
+from .panels import exact_panel, knowledge_chart, picture_panel, profile_chart, residual_chart
+from .portraits import PARAMETERS, bounds, render_fine
+from .search import HYPOTHESES, KAPPA, LABELS, TRUSTED, Found, Hypothesis, Search, distinct, goal
 
 # Pictures shown of each reading, and those of them that are changed until they meet the table.
 _SHOWN, _CHANGED = 3, 2
@@ -77,7 +32,7 @@ _SHOWN, _CHANGED = 3, 2
 Best = dict[Hypothesis, list[Found]]
 
 
-def perform_unknown(experiment: UnknownExperiment, folder: Path, progress: Console) -> Outcome:
+def study(experiment: UnknownExperiment, folder: Path, progress: Console) -> Outcome:
     """Carries out the experiment: `table.csv` has the figures of the nearest pictures, `parameters.csv` theirs."""
     printed = [one for one in HYPOTHESES if not one.exchanged]
     steps = len(HYPOTHESES) * experiment.starts + len(printed) * (len(experiment.profile) + _CHANGED)

@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 
+from jaxlens import figures
 from jaxlens.deformations import FreeForm
-from jaxlens.experiments.deforming import Deformed
-from jaxlens.figures.pictures import cell_aspect, place
-from jaxlens.figures.style import MUTED, ORANGE, SKY, WIDTH, bare, new_figure, show_image
+
+from . import Deformed
 
 _TITLE, _NOTE, _GAP, _MARGIN = 0.25, 0.62, 0.12, 0.05
 _BAR = 0.95
@@ -36,12 +36,12 @@ _ARROW = {
 
 def lattice_panel(initial: np.ndarray, peak: float, still: FreeForm, deformed: Deformed) -> Figure:
     """Draws the initial image with the rectangle's coordinates and lattice, and both after control points moved."""
-    aspect = cell_aspect(initial)
-    side = (WIDTH - 2 * _MARGIN - _GAP) / 2
-    figure = new_figure(WIDTH, 2 * _MARGIN + _TITLE + side * aspect + 0.3, by_hand=True)
-    places = [place(figure, _MARGIN + i * (side + _GAP), _MARGIN + _TITLE, side, side * aspect) for i in (0, 1)]
-    show_image(places[0], initial, peak, title="initial: the regular lattice moves nothing")
-    show_image(places[1], deformed.picture, peak, title="control points moved, border free")
+    aspect = figures.cell_aspect(initial)
+    side = (figures.WIDTH - 2 * _MARGIN - _GAP) / 2
+    figure = figures.new_figure(figures.WIDTH, 2 * _MARGIN + _TITLE + side * aspect + 0.3, by_hand=True)
+    places = [figures.place(figure, _MARGIN + i * (side + _GAP), _MARGIN + _TITLE, side, side * aspect) for i in (0, 1)]
+    figures.show_image(places[0], initial, peak, title="initial: the regular lattice moves nothing")
+    figures.show_image(places[1], deformed.picture, peak, title="control points moved, border free")
     for axes, mapping in zip(places, (still, deformed.mapping), strict=True):
         _draw_isolines(axes, mapping)
         _draw_lattice(axes, mapping, still)
@@ -55,12 +55,12 @@ def lattice_panel(initial: np.ndarray, peak: float, still: FreeForm, deformed: D
 def continuity_panel(peak: float, still: FreeForm, found: Mapping[str, Deformed]) -> Figure:
     """Draws, a column a border, the deformed image and below it the change of area at each pixel of the initial one."""
     first = next(iter(found.values()))
-    aspect, columns = cell_aspect(first.picture), len(found)
-    side = (WIDTH - 2 * _MARGIN - _BAR - (columns - 1) * _GAP) / columns
+    aspect, columns = figures.cell_aspect(first.picture), len(found)
+    side = (figures.WIDTH - 2 * _MARGIN - _BAR - (columns - 1) * _GAP) / columns
     (left_edge, top_edge), (right_edge, bottom_edge) = np.asarray(still.lower), np.asarray(still.upper)
     map_high = side * float(np.clip((bottom_edge - top_edge) / (right_edge - left_edge), 0.4, 2.0))
     below = _MARGIN + _TITLE + side * aspect + _GAP
-    figure = new_figure(WIDTH, below + map_high + _NOTE + _MARGIN, by_hand=True)
+    figure = figures.new_figure(figures.WIDTH, below + map_high + _NOTE + _MARGIN, by_hand=True)
     # Symmetric about no change; a fold has no logarithm, and a colour of its own.
     changes = {name: np.log2(np.where(one.determinant > 0, one.determinant, np.nan)) for name, one in found.items()}
     most = max(1.0, *(float(np.nanmax(np.abs(change), initial=0)) for change in changes.values()))
@@ -69,18 +69,18 @@ def continuity_panel(peak: float, still: FreeForm, found: Mapping[str, Deformed]
     norm = BoundaryNorm(np.linspace(-most, most, _STEPS + 1), colors.N)
     for index, (name, one) in enumerate(found.items()):
         left = _MARGIN + index * (side + _GAP)
-        axes = place(figure, left, _MARGIN + _TITLE, side, side * aspect)
-        show_image(axes, one.picture, peak, title=name)
+        axes = figures.place(figure, left, _MARGIN + _TITLE, side, side * aspect)
+        figures.show_image(axes, one.picture, peak, title=name)
         _draw_rectangle(axes, still)
-        axes = place(figure, left, below, side, map_high)
+        axes = figures.place(figure, left, below, side, map_high)
         axes.imshow(changes[name], cmap=colors, norm=norm, interpolation="nearest", aspect="auto")
-        _draw_isolines(axes, still, color=MUTED)
+        _draw_isolines(axes, still, color=figures.MUTED)
         axes.set_xlim(left_edge, right_edge)
         axes.set_ylim(bottom_edge, top_edge)
-        bare(axes)
-        axes.set_xlabel(_note(one), color=MUTED, labelpad=4, linespacing=1.3)
+        figures.bare(axes)
+        axes.set_xlabel(_note(one), color=figures.MUTED, labelpad=4, linespacing=1.3)
     bar_left = _MARGIN + columns * (side + _GAP)
-    where = place(figure, bar_left, below, 0.14, map_high)
+    where = figures.place(figure, bar_left, below, 0.14, map_high)
     bar = figure.colorbar(ScalarMappable(norm, colors), cax=where, spacing="proportional")
     ticks = [tick for tick in range(-9, 10) if abs(tick) <= most]
     bar.set_ticks(ticks, labels=[f"× {2**tick}" if tick >= 0 else f"× 1/{2**-tick}" for tick in ticks])
@@ -100,7 +100,7 @@ def _note(one: Deformed) -> str:
     )
 
 
-def _draw_isolines(axes: Axes, mapping: FreeForm, *, color: str = SKY) -> None:
+def _draw_isolines(axes: Axes, mapping: FreeForm, *, color: str = figures.SKY) -> None:
     """Draws lines of equal s and of equal t where the deformation takes them, as many as the lattice has.
 
     As long as the lattice is regular they are its own lines.
@@ -120,9 +120,11 @@ def _draw_lattice(axes: Axes, mapping: FreeForm, still: FreeForm) -> None:
     before, after = np.asarray(still.control_points), np.asarray(mapping.control_points)
     edges = [*np.stack([after[:-1], after[1:]], axis=2).reshape(-1, 2, 2)]
     edges += [*np.stack([after[:, :-1], after[:, 1:]], axis=2).reshape(-1, 2, 2)]
-    axes.add_collection(LineCollection(edges, colors=ORANGE, linewidths=0.7, linestyles=(0, (2, 2)), zorder=3))
+    axes.add_collection(LineCollection(edges, colors=figures.ORANGE, linewidths=0.7, linestyles=(0, (2, 2)), zorder=3))
     flat = after.reshape(-1, 2)
-    axes.plot(*flat.T, "o", color=ORANGE, markersize=3.6, markeredgecolor="black", markeredgewidth=0.5, zorder=4)
+    axes.plot(
+        *flat.T, "o", color=figures.ORANGE, markersize=3.6, markeredgecolor="black", markeredgewidth=0.5, zorder=4
+    )
     far = np.abs(after - before).max(axis=-1) > 0
     for start, end in zip(before[far], after[far], strict=True):
         axes.annotate("", xy=end, xytext=start, arrowprops=_ARROW | {"linewidth": 1.0, "shrinkB": 2}, zorder=5)
@@ -145,13 +147,13 @@ def _draw_axes(axes: Axes, still: FreeForm) -> None:
 def _draw_rectangle(axes: Axes, still: FreeForm) -> None:
     (left, top), (right, bottom) = np.asarray(still.lower), np.asarray(still.upper)
     x, y = [left, right, right, left, left], [top, top, bottom, bottom, top]
-    axes.plot(x, y, color=SKY, linewidth=0.9, linestyle=(0, (4, 3)))
+    axes.plot(x, y, color=figures.SKY, linewidth=0.9, linestyle=(0, (4, 3)))
 
 
 def _draw_legend(figure: Figure) -> None:
     dashes = (0, (2, 2))
     points = {"marker": "o", "markersize": 4, "markeredgecolor": "black", "markeredgewidth": 0.5}
-    lattice = Line2D([], [], color=ORANGE, linewidth=0.9, linestyle=dashes, **points)
-    lines = Line2D([], [], color=SKY, linewidth=1.8)
+    lattice = Line2D([], [], color=figures.ORANGE, linewidth=0.9, linestyle=dashes, **points)
+    lines = Line2D([], [], color=figures.SKY, linewidth=1.8)
     labels = ["lines of equal s, of equal t", "control points and their lattice"]
     figure.legend([lines, lattice], labels, loc="lower center", ncols=2, borderaxespad=0.1)

@@ -16,11 +16,11 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float
 
-from jaxlens.experiments import paper
-from jaxlens.experiments.portraits import PARAMETERS, Template, bounds, random_parameters, render
-from jaxlens.experiments.readings import READINGS, Reading, source_map
+from jaxlens.experiments import READINGS, Reading, paper, source_map
 from jaxlens.fitting import Problem, Unknowns, minimize
 from jaxlens.sampling import remap
+
+from .portraits import PARAMETERS, Template, bounds, random_parameters, render
 
 KAPPA = np.array([row.kappa for row in paper.TABLE_1])
 TRUSTED = tuple(index for index, row in enumerate(paper.TABLE_1) if not row.copied)

@@ -1,1 +1,0 @@
-"""The kinds of experiment that are built in."""
