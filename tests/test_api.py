@@ -93,7 +93,8 @@ LAYERS = (
     ("files", "columns"),
     ("surfaces",),
     ("images", "calibrations"),
-    ("experiments", "figures"),
+    ("figures",),
+    ("experiments",),
     ("cli",),
     ("__main__",),
 )

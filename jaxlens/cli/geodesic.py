@@ -115,8 +115,7 @@ def _measure(arguments: Arguments) -> None:
     from jaxlens.cli.meshes import is_mesh
     from jaxlens.cli.pictures import write_picture
     from jaxlens.cli.progress import progress_of
-    from jaxlens.experiments.geodesic_distances import measure_distances
-    from jaxlens.figures.geodesics import distance_maps
+    from jaxlens.figures.distances import distance_maps, measure_distances
     from jaxlens.figures.style import style
     from jaxlens.files import write_text
     from jaxlens.images import Picture

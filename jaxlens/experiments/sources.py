@@ -1,10 +1,12 @@
-"""The images of experiments, as arrays: read or made, cropped, turned gray, scaled."""
+"""The images of experiments, as arrays: read or made, cropped, turned gray, scaled.
+
+JAX is imported by the functions that need it: kinds of experiments import this module before their file is checked.
+"""
 
 import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
-import jax
 import numpy as np
 from jaxtyping import Float, Real
 
@@ -12,8 +14,6 @@ from jaxlens.experiments.config import Configuration
 from jaxlens.experiments.errors import ConfigError, ExperimentError
 from jaxlens.experiments.schema import Crop, Image
 from jaxlens.files import file_sha256
-from jaxlens.images import ImageError, read_image
-from jaxlens.surfaces import face, face_albedo, shade
 
 _LUMA = np.array([0.299, 0.587, 0.114])  # Rec. 601
 _PORTRAIT = "grace_hopper.jpg"
@@ -43,7 +43,9 @@ def load_source(configuration: Configuration, image: Image) -> Source:
         ConfigError: the crop does not fit into the image.
         ExperimentError: the picture cannot be read, is transparent, or is black and was to be scaled.
     """
-    path = _portrait() if image.source == "portrait" else configuration.image_path(image)
+    path = (
+        _portrait() if image.source == "portrait" else (None if image.path is None else configuration.file(image.path))
+    )
     if path is None:
         seed = configuration.experiment.seed
         pixels, peak = _pattern(image, seed), 1.0
@@ -83,6 +85,8 @@ def _portrait() -> Path:
 
 
 def _read(path: Path) -> Real[np.ndarray, "height width *channels"]:
+    from jaxlens.images import ImageError, read_image
+
     try:
         picture = read_image(path)
     except ImageError as error:
@@ -130,6 +134,10 @@ def _pattern(image: Image, seed: int) -> Float[np.ndarray, "height width"]:
 
 def _face(height: int, width: int) -> Float[np.ndarray, "height width"]:
     """The face of `jaxlens.surfaces`, lit from the upper left; the same in every experiment's dtype."""
+    import jax
+
+    from jaxlens.surfaces import face, face_albedo, shade
+
     with jax.enable_x64(True):
         return np.asarray(shade(face(height, width), albedo=face_albedo(height, width)))
 
