@@ -203,27 +203,21 @@ def _source_planes(
     source = frame_for(mapping, height, width) if frame is None else frame
     output = source if output_frame is None else output_frame
 
-    def sent() -> Array:
+    def points() -> Array:
         return output.normalize(pixel_grid(*shape, output.scale.dtype))
 
     if not isinstance(mapping, OneToOne):
-        return split(source.denormalize(mapping(sent())))
-    inside = _all_inside(mapping, output, shape)
-    x, y = split(source.denormalize(mapping.mapping(sent())))
-    return jnp.where(inside, x, jnp.nan), jnp.where(inside, y, jnp.nan)
-
-
-def _all_inside(mapping, output, shape):
-    def look():
-        return mapping.one_to_one(output.normalize(pixel_grid(*shape, output.scale.dtype)))
-
+        return split(source.denormalize(mapping(points())))
     right, bottom = shape[1] - 1, shape[0] - 1
     pixels = [[0, 0], [right, 0], [0, bottom], [right, bottom]]
     corners = jnp.stack([join(*(jnp.asarray(value, output.scale.dtype) for value in pixel)) for pixel in pixels])
     sure = mapping.mapping.surely_one_to_one(output.normalize(corners))
     if sure is None:
-        return look()
-    return lax.cond(jnp.all(sure), lambda: jnp.ones(shape, bool), look)
+        inside = mapping.one_to_one(points())
+    else:
+        inside = lax.cond(jnp.all(sure), lambda: jnp.ones(shape, bool), lambda: mapping.one_to_one(points()))
+    x, y = split(source.denormalize(mapping.mapping(points())))
+    return jnp.where(inside, x, jnp.nan), jnp.where(inside, y, jnp.nan)
 
 
 def pixel_grid(height: int, width: int, dtype: jax.typing.DTypeLike) -> Float[Array, "height width 2"]:

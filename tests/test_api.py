@@ -94,7 +94,8 @@ LAYERS = (
     ("surfaces",),
     ("files", "columns"),
     ("images", "calibrations", "meshes"),
-    ("experiments", "figures"),
+    ("figures",),
+    ("experiments",),
     ("cli",),
     ("__main__",),
 )

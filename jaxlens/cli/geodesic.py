@@ -96,9 +96,8 @@ def run(arguments: Arguments) -> int:
 def _measure(arguments: Arguments) -> None:
     import numpy as np
 
-    from jaxlens.experiments.geodesic_distances import measure_distances
     from jaxlens.figures.contours import contour_lines
-    from jaxlens.figures.geodesics import distance_maps
+    from jaxlens.figures.distances import distance_maps, measure_distances
     from jaxlens.figures.style import style
     from jaxlens.images import Picture
 

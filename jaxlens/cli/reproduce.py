@@ -13,8 +13,8 @@ from jaxlens.cli.options import Names, Paths, words
 HELP = """Run all experiments, and write one page of their figures, tables and parameters.
 
 What it does:
-  Results that are up to date stay: same configuration, inputs, source and
-  package versions, and no file changed. What fails or lacks an input is named,
+  Results that are up to date stay: same configuration, inputs, modules
+  imported and package versions, and no file changed. What fails or lacks an input is named,
   and the others are done. Interrupted, it goes on from there the next time.
   The page, index.html in the results' folder, links the figures beside it;
   with --self-contained it holds them, and can be sent alone.

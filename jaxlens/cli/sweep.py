@@ -13,6 +13,8 @@ HELP = """Run an experiment: lenses over an image, with table, figures and manif
 
 What it does:
   The configuration is a TOML file; `experiments/` holds those of the paper.
+  A kind of experiment that is not built in is a Python file beside it, which
+  is run: a folder of experiments is a program.
   What comes out replaces the same experiment's earlier output; a folder that
   holds anything else is refused.
 

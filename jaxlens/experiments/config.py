@@ -8,7 +8,7 @@ import os
 import tomllib
 import types
 import typing
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,17 +17,8 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from jaxlens.experiments.errors import ConfigError
-from jaxlens.experiments.schema import (
-    KINDS,
-    BoardsExperiment,
-    Experiment,
-    GeodesicsExperiment,
-    GridsExperiment,
-    Image,
-    ReadingsExperiment,
-    RotationExperiment,
-    UnknownExperiment,
-)
+from jaxlens.experiments.experiment import Experiment
+from jaxlens.experiments.finding import Kind, find_kind
 
 _LONGEST_VALUE = 60
 
@@ -38,41 +29,36 @@ class Configuration:
 
     Attributes:
         experiment: What the file says, checked.
+        kind: The class that it is of, and where that is defined.
         path: The file.
         picture: A picture that stands in for the configured images, given where the experiment was started.
     """
 
     experiment: Experiment
+    kind: Kind
     path: Path
     picture: Path | None = None
 
     def digest(self) -> str:
         """Returns the SHA-256 of what decides the results, defaults included; comments, layout and captions are not."""
-        return hashlib.sha256(json.dumps(self.as_dict(), sort_keys=True).encode()).hexdigest()
+        return hashlib.sha256(json.dumps(self.experiment.as_dict(), sort_keys=True).encode()).hexdigest()
 
-    def as_dict(self) -> dict[str, Any]:
-        """Returns what decides the results as plain data, defaults included."""
-        experiment = self.experiment
-        return experiment.model_dump(mode="json", exclude_none=True, exclude=set(experiment.presentation))
-
-    def image_path(self, image: Image) -> Path | None:
-        """Returns where an image's file lies, if it is one."""
-        if image.path is None:
-            return None
-        if self.picture is None or image.path != self.picture.name:
-            return self.path.parent / image.path
-        return self.picture
+    def file(self, name: str) -> Path:
+        """Returns where a file lies that the experiment names."""
+        if self.picture is not None and name == self.picture.name:
+            return self.picture
+        return self.path.parent / name
 
     def input_files(self) -> dict[str, Path]:
         """Returns the files that the experiment reads, by the keys that name them; not those of installed packages."""
-        return {key: path for key, _, path, _ in _inputs(self)}
+        return {key: self.file(name) for key, name, _ in self.experiment.input_files()}
 
     def missing_input(self) -> str | None:
         """Says which file that the experiment reads is not there; None if all are."""
-        for key, value, path, noun in _inputs(self):
-            if not path.is_file():
+        for key, name, noun in self.experiment.input_files():
+            if not self.file(name).is_file():
                 place = "a relative path is taken from the configuration's folder"
-                return f"{key}: got {_show(value)}; there is no such {noun} ({place})"
+                return f"{key}: got {_show(name)}; there is no such {noun} ({place})"
         return None
 
     def with_image(self, path: str | os.PathLike[str]) -> "Configuration":
@@ -81,26 +67,21 @@ class Configuration:
         Raises:
             ConfigError: the experiment has no image, or there is no such file.
         """
-        experiment, path = self.experiment, Path(path)
-        if isinstance(experiment, GridsExperiment):
-            raise ConfigError(f"{self.path}: kind = 'grids' draws its own lines; leave the image out")
-        if isinstance(experiment, BoardsExperiment):
-            raise ConfigError(f"{self.path}: kind = 'boards' is about corners, not a picture; leave the image out")
-        if isinstance(experiment, GeodesicsExperiment | RotationExperiment | UnknownExperiment):
-            raise ConfigError(f"{self.path}: kind = '{experiment.kind}' takes no picture; leave the image out")
-        old = experiment.images[0] if isinstance(experiment, ReadingsExperiment) else experiment.image
+        path = Path(path)
+        try:
+            # The folder it lies in is no part of the experiment, nor of its hash.
+            experiment = self.experiment.with_picture(path.name)
+        except ValueError as error:
+            raise ConfigError(f"{self.path}: {error}") from None
         if not path.is_file():
             raise ConfigError(f"image: got {_show(str(path))}; there is no such picture file")
-        # The folder it lies in is no part of the experiment, nor of its hash.
-        new = Image(path=path.name, gray=old.gray, peak=old.peak)
-        change = {"images": [new]} if isinstance(experiment, ReadingsExperiment) else {"image": new}
-        return Configuration(experiment.model_copy(update=change), self.path, path)
+        return Configuration(experiment, self.kind, self.path, path)
 
 
 def load(
     path: str | os.PathLike[str], *, image: str | os.PathLike[str] | None = None, inputs: bool = True
 ) -> Configuration:
-    """Reads and checks an experiment's file.
+    """Reads and checks an experiment's file. A kind that is not built in is Python beside it, which this imports.
 
     Args:
         path: The TOML file.
@@ -109,7 +90,8 @@ def load(
         inputs: Check that the files that it names are there.
 
     Raises:
-        ConfigError: the file, or one that it names, is not there; it is not TOML; or a key or value is not allowed.
+        ConfigError: the file, or one that it names, is not there; it is not TOML; a key or value is not allowed; or
+            its kind is not found.
     """
     path = Path(path)
     try:
@@ -122,7 +104,7 @@ def load(
         raise ConfigError(f"{path}: is not a text file in UTF-8; give an experiment's TOML file") from None
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{path}: is not valid TOML: {error}") from None
-    configuration = Configuration(_parse(document, path), path)
+    configuration = _parse(document, path)
     if image is not None:
         return configuration.with_image(image)
     missing = configuration.missing_input() if inputs else None
@@ -131,34 +113,16 @@ def load(
     return configuration
 
 
-def _parse(document: dict[str, Any], path: Path) -> Experiment:
-    kind = document.get("kind")
-    if not isinstance(kind, str) or kind not in KINDS:
-        got = "is missing" if kind is None else f"got {_show(kind)}"
-        raise ConfigError(f"{path}: kind: {got}; must be one of {_options(KINDS)}")
+def _parse(document: dict[str, Any], path: Path) -> Configuration:
     try:
-        return KINDS[kind].model_validate(document)
+        kind = find_kind(document.get("kind"), path.parent)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from None
+    try:
+        return Configuration(kind.model.model_validate(document), kind, path)
     except ValidationError as error:
-        lines = [f"{path}: {_explain(detail, KINDS[kind], document)}" for detail in error.errors()]
+        lines = [f"{path}: {_explain(detail, kind.model, document)}" for detail in error.errors()]
         raise ConfigError("\n".join(dict.fromkeys(lines))) from None
-
-
-def _inputs(configuration: Configuration) -> Iterator[tuple[str, str, Path, str]]:
-    """Key, value, place and nature of each file that an experiment reads."""
-    experiment = configuration.experiment
-    if isinstance(experiment, BoardsExperiment):
-        yield "corners", experiment.corners, configuration.path.parent / experiment.corners, "CSV file"
-    if isinstance(experiment, GeodesicsExperiment) and experiment.surface.path is not None:
-        path = experiment.surface.path
-        yield "surface.path", path, configuration.path.parent / path, "mesh file"
-    for name, value in experiment:
-        images = (
-            {f"{name}[{index}]": one for index, one in enumerate(value)} if isinstance(value, list) else {name: value}
-        )
-        for key, image in images.items():
-            path = configuration.image_path(image) if isinstance(image, Image) else None
-            if path is not None:
-                yield f"{key}.path", str(image.path), path, "picture file"
 
 
 def _explain(detail: ErrorDetails, model: type[BaseModel], document: Any) -> str:

@@ -4,7 +4,6 @@ The same experiment gives the same manifest, byte for byte, wherever and wheneve
 """
 
 import datetime
-import hashlib
 import json
 import platform
 import subprocess
@@ -18,26 +17,6 @@ from jaxlens.files import file_sha256
 
 SCHEMA = 2
 _PACKAGES = ("jaxlens", "jax", "jaxlib", "equinox", "optimistix", "numpy", "matplotlib", "pillow")
-# What no result depends on: the command line, and the page of all results.
-_BESIDE = ("cli/", "experiments/reproduction.py", "experiments/gallery/")
-
-
-def _source_checksum() -> str:
-    """The SHA-256 of the package's source, but for what lies beside the results."""
-    package = Path(__file__).parents[1]
-    files = {path.relative_to(package).as_posix(): path for path in package.rglob("*.py")}
-    digest = hashlib.sha256()
-    for name in sorted(files):
-        if not name.startswith(_BESIDE):
-            # Lines end differently where Git was told so.
-            content = files[name].read_bytes().replace(b"\r\n", b"\n")
-            digest.update(f"{name}\0{len(content)}\0".encode() + content)
-    return digest.hexdigest()
-
-
-SOURCE_SHA256 = _source_checksum()
-"""Of the package's source, the command line and the page of results left out. Taken at once, when this is imported:
-the source may be edited while an experiment runs."""
 
 
 def write_manifest(
@@ -61,7 +40,7 @@ def write_manifest(
         "tool": MARKER,
         "schema": SCHEMA,
         "experiment": configuration.experiment.name,
-        "configuration": configuration.as_dict(),
+        "configuration": configuration.experiment.as_dict(),
         "configuration_file": configuration.path.name,
         "configuration_sha256": configuration.digest(),
         "input_files": input_files,
@@ -86,7 +65,7 @@ def write_record(folder: Path, configuration: Configuration, *, seconds: float) 
     record: dict[str, object] = {
         "manifest_sha256": file_sha256(folder / MANIFEST),
         "commit": _commit(configuration),
-        "source_sha256": SOURCE_SHA256,
+        "sources": configuration.kind.sources(),
         "versions": {"python": platform.python_version()} | package_versions(),
         "device": _device(),
         "platform": f"{platform.system()} {platform.machine()}",

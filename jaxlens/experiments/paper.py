@@ -8,6 +8,11 @@ constant, which makes SNR a ratio of powers and not Eq. 12.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal, get_args
+
+Reading = Literal["functional inverse", "reciprocal", "direct"]
+READINGS: tuple[Reading, ...] = get_args(Reading)
+"""What Φ⁻¹(r²) in Eq. 11 may mean: see `source_map`."""
 
 METRICS = ("snr", "psnr", "rmse", "mae")
 PEAK = 193.0

@@ -1,19 +1,15 @@
-"""The three ways to read Φ⁻¹(r²) in Eq. 11: which point of the source an output pixel shows.
+"""The three ways to read Φ⁻¹(r²) in Eq. 11: which point of the source an output pixel shows, as maps.
 
 The library's own is the functional inverse. The other two live here, for the experiment that compares them.
 """
 
-from typing import Literal, get_args
-
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
+from jaxlens.experiments.paper import Reading
 from jaxlens.lenses import RadialPolynomial
 from jaxlens.maps import CoordinateMap
 from jaxlens.numerics import as_points
-
-Reading = Literal["functional inverse", "reciprocal", "direct"]
-READINGS: tuple[Reading, ...] = get_args(Reading)
 
 
 class Reciprocal(CoordinateMap):

@@ -16,7 +16,7 @@ from jaxlens.experiments.config import Configuration
 from jaxlens.experiments.errors import ConfigError, ExperimentError
 from jaxlens.experiments.folders import read_manifest, read_record
 from jaxlens.experiments.gallery import Section, check_page, write_page
-from jaxlens.experiments.manifests import SOURCE_SHA256, input_checksums, package_versions
+from jaxlens.experiments.manifests import input_checksums, package_versions
 from jaxlens.files import file_sha256
 
 PAGE = "index.html"
@@ -80,9 +80,9 @@ def reproduce(
 
     Results are up to date where their manifest names the same configuration (captions left out) and the same input
     files, where every file that it lists is there unchanged, and where the record of their run (`run.json`, which Git
-    ignores) names the same source of jaxlens (the command line and the page left out) and the same versions of the
-    packages that it computes with. The commit is not compared, nor the machine. In a new clone there is no record, so
-    everything is run.
+    ignores) names the same versions of the packages that it computes with and the same source of every module that
+    the run imported, of jaxlens and beside the configuration. The commit is not compared, nor the machine. In a new
+    clone there is no record, so everything is run.
 
     An experiment that reads a file that is not there is skipped. One that fails does not stop the others. When the
     work is interrupted, what is finished stays, and the next call goes on from there; the page is written at the end.
@@ -154,8 +154,10 @@ def out_of_date(configuration: Configuration, folder: Path) -> str | None:
     record = read_record(folder)
     if record is None:
         return UNRECORDED
-    if record.get("source_sha256") != SOURCE_SHA256:
-        return "the source of jaxlens has changed"
+    now, was = configuration.kind.sources(), record.get("sources")
+    if now != was:
+        changed = [name for name in now if not isinstance(was, dict) or was.get(name) != now[name]]
+        return f"the source has changed: {', '.join(changed[:3])}" + (", …" if len(changed) > 3 else "")
     versions = record.get("versions")
     for package, version in package_versions().items():
         # The source says more than jaxlens's version.
@@ -213,7 +215,9 @@ def _take(configuration: Configuration, folder: Path, *, asked: bool, force: boo
     if not stale and not force:
         return Step(configuration, folder, "up to date")
     name = configuration.experiment.name
-    progress.print(Text(f"{name}: running" + (f" ({stale})" if stale else "")))
+    file = configuration.kind.file
+    what = "" if file is None else f" {file}"
+    progress.print(Text(f"{name}: running{what}" + (f" ({stale})" if stale else "")))
     begin = time.perf_counter()
     quiet = Console(quiet=True)
     try:

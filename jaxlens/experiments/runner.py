@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
+from rich.text import Text
 
 from jaxlens.experiments import config
 from jaxlens.experiments.folders import check_target, result_folder
@@ -41,6 +42,7 @@ def run(
 ) -> Report:
     """Runs an experiment and writes its folder of results.
 
+    A kind of experiment that is not built in is a Python file beside the configuration, which is imported and run.
     Everything is written to a temporary folder first: a run that fails or is interrupted leaves earlier results as they
     were. Global state of JAX and matplotlib is left alone.
 
@@ -66,17 +68,20 @@ def run(
     console = Console() if console is None else console
     progress = Console(stderr=True) if progress is None else progress
 
+    if configuration.kind.file is not None:
+        console.print(Text(f"kind {experiment.kind}: {configuration.kind.file}"), soft_wrap=True)
+
     # JAX and matplotlib are imported when nothing is left to complain about.
     import jax
 
-    from jaxlens.experiments.kinds import perform
     from jaxlens.experiments.manifests import input_checksums, write_manifest, write_record
+    from jaxlens.figures.style import style
 
     input_files = input_checksums(configuration)
     begin = time.perf_counter()
     with result_folder(folder, experiment.name) as temporary:
-        with jax.enable_x64(experiment.dtype == "float64"):
-            outcome = perform(configuration, temporary, progress)
+        with jax.enable_x64(experiment.dtype == "float64"), style():
+            outcome = experiment.run(configuration, temporary, progress)
         manifest = write_manifest(
             temporary,
             configuration,

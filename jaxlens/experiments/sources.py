@@ -1,10 +1,12 @@
-"""The images of experiments, as arrays: read or made, cropped, turned gray, scaled."""
+"""The images of experiments, as arrays: read or made, cropped, turned gray, scaled.
+
+JAX is imported by the functions that need it: kinds of experiments import this module before their file is checked.
+"""
 
 import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
-import jax
 import numpy as np
 from jaxtyping import Float, Real
 
@@ -13,8 +15,6 @@ from jaxlens.experiments.config import Configuration
 from jaxlens.experiments.errors import ConfigError, ExperimentError
 from jaxlens.experiments.schema import Crop, Image
 from jaxlens.files import file_sha256
-from jaxlens.images import ImageError
-from jaxlens.surfaces import face, face_albedo, shade
 
 _LUMA = np.array([0.299, 0.587, 0.114])  # Rec. 601
 _PORTRAIT = "grace_hopper.jpg"
@@ -44,7 +44,9 @@ def load_source(configuration: Configuration, image: Image) -> Source:
         ConfigError: the crop does not fit into the image.
         ExperimentError: the picture cannot be read, is transparent, or is black and was to be scaled.
     """
-    path = _portrait() if image.source == "portrait" else configuration.image_path(image)
+    path = (
+        _portrait() if image.source == "portrait" else (None if image.path is None else configuration.file(image.path))
+    )
     if path is None:
         seed = configuration.experiment.seed
         pixels, peak = _pattern(image, seed), 1.0
@@ -86,7 +88,7 @@ def _portrait() -> Path:
 def _read(path: Path) -> Real[np.ndarray, "height width *channels"]:
     try:
         picture = images.read(path)
-    except ImageError as error:
+    except images.ImageError as error:
         raise ExperimentError(str(error)) from None
     pixels = picture.pixels
     if not picture.has_alpha:
@@ -131,6 +133,10 @@ def _pattern(image: Image, seed: int) -> Float[np.ndarray, "height width"]:
 
 def _face(height: int, width: int) -> Float[np.ndarray, "height width"]:
     """The face of `jaxlens.surfaces`, lit from the upper left; the same in every experiment's dtype."""
+    import jax
+
+    from jaxlens.surfaces import face, face_albedo, shade
+
     with jax.enable_x64(True):
         return np.asarray(shade(face(height, width), albedo=face_albedo(height, width)))
 

@@ -34,7 +34,7 @@ def contour_lines(
 
     Example:
         >>> import numpy as np
-        >>> from jaxlens.figures.contours import contour_lines
+        >>> from jaxlens.figures import contour_lines
         >>> ramp = np.broadcast_to(np.arange(4.0), (3, 4))
         >>> [[sorted(line.tolist()) for line in lines] for lines in contour_lines(ramp, [1.5])]
         [[[[1.5, 0.0], [1.5, 1.0], [1.5, 2.0]]]]

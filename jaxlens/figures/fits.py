@@ -8,17 +8,8 @@ from jax.typing import ArrayLike
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from jaxlens.figures.style import (
-    BLUE,
-    FAINT,
-    MUTED,
-    VERMILLION,
-    WIDTH,
-    new_figure,
-    plain,
-    show_image,
-    style,
-)
+from jaxlens.figures.palette import BLUE, FAINT, MUTED, VERMILLION, WIDTH
+from jaxlens.figures.style import new_figure, plain, show_image, style
 from jaxlens.fitting import Fit, distortion_curve
 from jaxlens.warping import distort_image, undistort_image
 

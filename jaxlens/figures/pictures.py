@@ -6,7 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from jaxlens.figures.style import WIDTH, bare, new_figure, show_image
+from jaxlens.figures.palette import WIDTH
+from jaxlens.figures.style import bare, new_figure, show_image
 
 # In inches: above and below an image for its text, between two of them, and around all.
 _TITLE, _NOTE, _GAP, _MARGIN = 0.25, 0.27, 0.1, 0.05

@@ -11,21 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-# Okabe and Ito's palette, the strongest contrasts first; its yellow is too light for lines.
-BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, BLACK = (
-    "#0072B2",
-    "#D55E00",
-    "#009E73",
-    "#E69F00",
-    "#CC79A7",
-    "#56B4E9",
-    "#000000",
-)
-PALETTE = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, BLACK)
-MUTED = "#5A5A5A"
-FAINT = "#D9D9D9"
-WIDTH = 7.0
-"""Of a figure, in inches: with these fonts legible at full width and in half a page."""
+from jaxlens.figures.palette import FAINT, MUTED
+
 # Of pictures: 1120 pixels for a column of 800, which high-resolution screens show sharp.
 _DPI = 160
 # Of JPEG files, Pillow's scale: letters on a picture stay crisp.

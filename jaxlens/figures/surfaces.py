@@ -11,7 +11,8 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
 from jaxlens.figures.contours import contour_lines
-from jaxlens.figures.style import MUTED, WIDTH, bare, new_figure, style
+from jaxlens.figures.palette import MUTED, WIDTH
+from jaxlens.figures.style import bare, new_figure, style
 
 Drawing = Literal["mesh", "filled", "isolines"]
 """`mesh` is a net whose back is hidden, `filled` a surface in the picture's own grays under a light, `isolines` lines

@@ -32,7 +32,7 @@ def first_guess(
         edge: The observed radius there.
         targets: Observed radii, finite, for which guesses are wanted.
     """
-    reach = jnp.minimum(jnp.max(targets, initial=0), _FARTHEST * jnp.sum(targets) / max(1, targets.size))
+    reach = jnp.minimum(jnp.max(targets, initial=0), _FARTHEST * jnp.mean(targets))
     reach = jnp.where(reach > 0, jnp.minimum(reach, edge), jnp.minimum(1, edge))
     end = jnp.where(jnp.isfinite(edge), edge, 2 * reach)
 

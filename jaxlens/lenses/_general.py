@@ -90,8 +90,8 @@ def solve(lens: Any, x: Plane, y: Plane) -> tuple[Plane, Plane, Int8[Array, "*ba
             reason = jnp.where(blocked, InverseStatus.NO_PREIMAGE, InverseStatus.NOT_CONVERGED)
             return *split(found), jnp.where(converged, InverseStatus.CONVERGED, reason).astype(jnp.int8)
 
-        solved = complete((*root, status), ~done, solve_some)
-        return tuple(plane.reshape(shape) for plane in solved)
+        root_x, root_y, status = complete((*root, status), ~done, solve_some)
+        return root_x.reshape(shape), root_y.reshape(shape), status.reshape(shape)
 
     return in_parts(solve_part, x, y)
 

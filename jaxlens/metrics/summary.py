@@ -22,10 +22,9 @@ def evaluate(
         mask: `(H, W)` boolean, True where a pixel counts; None for all.
 
     Returns:
-        Scalars by name: `snr`, `psnr` (both dB), `rmse`, `mae`, `mse`, `range_snr` (dB, with the reference's
-        own extremes), `uqi`, `ssim` and `minkowski` (p = 4). The keys do not depend on the input: where the
-        image is smaller than a window, `uqi` (8 pixels) and `ssim` (11) are NaN. It is an `OrderedDict`,
-        because the order of a plain one is lost under `jax.jit` and `jax.vmap`.
+        Scalars by name, in the order of `METRICS`, where their units and meanings stand. The keys do not depend on the
+        input: where the image is smaller than a metric's window (`uqi` 8 pixels, `ssim` 11), it is NaN. It is an
+        `OrderedDict`, because the order of a plain one is lost under `jax.jit` and `jax.vmap`.
 
     Raises:
         ValueError: if the shapes do not fit, or `data_range` is known and not above 0.

@@ -3,19 +3,27 @@ from pathlib import Path
 import pytest
 from test_cli_entry import imported_by
 
-import jaxlens.experiments.kinds
 from jaxlens import experiments
 from jaxlens.experiments import config
-from jaxlens.experiments.kinds.outcome import Outcome
 from jaxlens.experiments.reproduction import Reproduction, Step
 
-TINY = 'kind = "grids"\nname = "{0}"\nlines = 3\nsize = 61\nk = [0.3]\n'
+TINY = 'kind = "tiny"\nname = "{0}"\nlines = 3\n'
+KIND = """
+from pydantic import Field
+from jaxlens.experiments import Experiment, Outcome
+class Tiny(Experiment):
+    lines: int = Field(ge=2)
+    def run(self, configuration, folder, progress):
+        (folder / "table.csv").write_text("a\\n1\\n")
+        return Outcome([], {}, [])
+"""
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("experiments").mkdir()
+    Path("experiments/tiny.py").write_text(KIND)
     Path("experiments/a.toml").write_text(TINY.format("a"))
     return tmp_path
 
@@ -110,12 +118,7 @@ def test_a_foreign_page_is_refused(run, folder):
     assert "no page that jaxlens wrote" in result.err
 
 
-def test_the_second_time_jax_is_not_even_imported(run, folder, monkeypatch):
-    def perform(configuration, results, progress):
-        (results / "table.csv").write_text("a\n1\n")
-        return Outcome([], {}, [])
-
-    monkeypatch.setattr(jaxlens.experiments.kinds, "perform", perform)
+def test_the_second_time_jax_is_not_even_imported(run, folder):
     assert run("reproduce").code == 0
     page = Path("results/index.html").read_bytes()
     code, modules, out = imported_by("reproduce")

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import PIL.Image
 import pytest
+from paper_kinds import copy_kinds
 from rich.console import Console
 
 from jaxlens.experiments import Report, run
@@ -30,6 +31,12 @@ def make_sweep(folder: Path) -> Path:
     PIL.Image.fromarray(np.stack([pixels, pixels[::-1], pixels // 2], axis=-1)).save(folder / "tiny.png")
     (folder / "tiny.toml").write_text(SWEEP, encoding="utf-8")
     return folder / "tiny.toml"
+
+
+@pytest.fixture
+def kinds(tmp_path: Path) -> None:
+    """Puts the kinds of `experiments` into the folder of a test."""
+    copy_kinds(tmp_path)
 
 
 @pytest.fixture

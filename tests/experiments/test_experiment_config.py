@@ -48,7 +48,7 @@ def change(folder: Path, old: str, new: str) -> Path:
         ("[0, 1]", "[]", ["lenses.kappa[0]", "[]", "at least 1"]),
         ("[[0, 1], [1, 2], [1, 3], [2, 3], [3, 2], [3, 1]]", "[]", ["lenses.kappa", "[]", "at least 1"]),
         ("kappa = [[0, 1]", "axes = [{start = 0, stop = 1, count = 0}]\nx = [[0, 1]", ["lenses.axes[0].count", "0"]),
-        ('kind = "sweep"', 'kind = "sweeep"', ["kind", "'sweeep'", "'sweep'", "'readings'", "'grids'", "'panels'"]),
+        ('kind = "sweep"', 'kind = "sweeep"', ["kind", "'sweeep'", "'sweep'", "there is none"]),
         ('kind = "sweep"', "", ["kind", "missing", "'sweep'"]),
         ('name = "tiny"', 'name = "../tiny"', ["name", "'../tiny'", "letters"]),
         ('name = "tiny"', 'name = "tiny"\nmemory_mb = 0', ["memory_mb", "got 0", "greater than 0"]),

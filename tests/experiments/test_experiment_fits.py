@@ -6,10 +6,13 @@ import json
 import jax
 import numpy as np
 import pytest
+from paper_kinds import module_of
 
 import jaxlens as jl
 from jaxlens import experiments
-from jaxlens.figures.inversions import chance
+
+pytestmark = pytest.mark.usefixtures("kinds")
+kind = module_of("inversion")
 
 INVERSION = """
 kind = "inversion"
@@ -103,7 +106,7 @@ def test_what_is_wrong_is_named(tmp_path, corners):
     with pytest.raises(experiments.ConfigError, match=r"corners: got 'none\.csv'; there is no such CSV file"):
         experiments.run(config, output=tmp_path / "out", quiet=True)
     config.write_text(BOARDS)
-    with pytest.raises(experiments.ConfigError, match="is about corners, not a picture"):
+    with pytest.raises(experiments.ConfigError, match="takes no picture"):
         experiments.run(config, image=corners, output=tmp_path / "out", quiet=True)
     corners.write_text("view,corner\n1,2\n")
     with pytest.raises(experiments.ExperimentError, match="line 1: no column board_x"):
@@ -116,4 +119,4 @@ def test_what_is_wrong_is_named(tmp_path, corners):
 
 def test_the_interval_of_a_standard_error():
     """Its ends are those of χ² with as many freedoms as fits: 0.8312 and 12.8325 of five, in tables."""
-    np.testing.assert_allclose(chance(5), (np.sqrt(5 / 12.8325), np.sqrt(5 / 0.8312)), rtol=1e-4)
+    np.testing.assert_allclose(kind.chance(5), (np.sqrt(5 / 12.8325), np.sqrt(5 / 0.8312)), rtol=1e-4)

@@ -4,10 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from paper_kinds import module_of
 
-from jaxlens.experiments import ConfigError, run
-from jaxlens.experiments.deforming import deform, lattice_of, moved
-from jaxlens.experiments.schema import ControlPointMove, Crop, Warp
+from jaxlens.experiments import ConfigError, Crop, Warp, run
+
+pytestmark = pytest.mark.usefixtures("kinds")
+kind = module_of("free_form")
 
 PICTURE = np.random.default_rng(0).uniform(0, 200, (31, 35))
 REGION = Crop(top=5, left=7, height=21, width=21)
@@ -23,8 +25,8 @@ path = "tiny.png"
 
 
 def _deform(column: int, row: int, dx: float, *, degree: int = 2):
-    still = lattice_of(REGION, (degree, degree), "float64")
-    return deform(PICTURE, moved(still, [ControlPointMove(column=column, row=row, dx=dx)]), Warp())
+    still = kind.lattice_of(REGION, (degree, degree), "float64")
+    return kind.deform(PICTURE, kind.moved(still, [kind.ControlPointMove(column=column, row=row, dx=dx)]), Warp())
 
 
 @pytest.mark.usefixtures("x64")

@@ -11,12 +11,13 @@ import numpy as np
 import PIL.Image
 import pytest
 
-from jaxlens.experiments import ExperimentError, config, paper
+from jaxlens.experiments import Experiment, ExperimentError, config, paper
 from jaxlens.experiments.folders import MARKER, read_manifest
 from jaxlens.experiments.gallery import Section, write_page
 from jaxlens.experiments.gallery.sections import MEDIA
 from jaxlens.experiments.gallery.tables import heading
-from jaxlens.experiments.schema import GridsExperiment, Image, Lenses, SweepExperiment
+from jaxlens.experiments.schema import Image, Lenses
+from jaxlens.experiments.sweep import SweepExperiment
 
 ROOT = Path(__file__).parents[2]
 EMPTY = {"br", "img", "link", "meta"}
@@ -58,7 +59,7 @@ class Page(HTMLParser):
 
 def make(folder: Path, content: dict[str, str | bytes], experiment=None, note: str = "", **facts: object) -> Section:
     """A section with results of any files."""
-    experiment = experiment or GridsExperiment(kind="grids", name=folder.name)
+    experiment = experiment or Experiment(kind="grids", name=folder.name)
     folder.mkdir(parents=True, exist_ok=True)
     for name, inside in content.items():
         (folder / name).write_bytes(inside.encode() if isinstance(inside, str) else inside)
@@ -137,7 +138,7 @@ def test_the_papers_numbers_stand_beside_ours(tmp_path: Path):
 
 
 def test_text_is_escaped_wherever_it_comes_from(tmp_path: Path, png: bytes):
-    experiment = GridsExperiment(
+    experiment = Experiment(
         kind="grids", name="e", title=NASTY, caption=NASTY, captions={"chart": NASTY, "table": NASTY}
     )
     files = {"chart.png": png, "table.csv": f'"{NASTY.replace(chr(34), chr(34) * 2)}",b\n1,<i>\n', '<i>".csv': "a\n1\n"}
@@ -150,9 +151,7 @@ def test_text_is_escaped_wherever_it_comes_from(tmp_path: Path, png: bytes):
 
 def test_captions_say_the_order_and_svg_is_taken_first(tmp_path: Path, png: bytes):
     files = {"b.png": png, "a.png": png, "c.svg": SVG, "c.png": png, "z.csv": "x\n1\n", "table.csv": "x\n1\n"}
-    experiment = GridsExperiment(
-        kind="grids", name="o", captions={"c": "Lines. Then more.", "b": "Noise, as in Eq. 5."}
-    )
+    experiment = Experiment(kind="grids", name="o", captions={"c": "Lines. Then more.", "b": "Noise, as in Eq. 5."})
     page = page_of(tmp_path, make(tmp_path / "o", files, experiment))
     assert page.all("figure", "id") == ["o.c", "o.b", "o.a"]
     assert page.all("img", "alt") == ["Lines.", "Noise, as in Eq. 5.", "o: a"]
@@ -239,7 +238,7 @@ def test_a_manifest_may_list_what_is_not_there(tmp_path: Path, files: object):
 
 
 def test_a_section_without_results(tmp_path: Path):
-    experiment = GridsExperiment(kind="grids", name="e", title="Soon")
+    experiment = Experiment(kind="grids", name="e", title="Soon")
     page = page_of(tmp_path, Section(experiment, "e.toml", tmp_path / "e", None, "Not run: there are no results yet."))
     assert "Not run: there are no results yet." in page.text
     assert "Manifest" not in page.text

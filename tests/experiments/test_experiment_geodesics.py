@@ -7,10 +7,12 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+from paper_kinds import module_of
 
 from jaxlens.experiments import ConfigError, ExperimentError, run
-from jaxlens.experiments.geodesic_distances import cap_convergence, surface_distances, ways_to
-from jaxlens.experiments.schema import Surface
+
+pytestmark = pytest.mark.usefixtures("kinds")
+kind = module_of("geodesics")
 
 SMALL = """
 kind = "geodesics"
@@ -60,7 +62,7 @@ def test_the_experiment_writes_its_folder_and_the_same_bytes_again(tmp_path: Pat
 
 
 def test_on_a_sphere_the_radial_distance_is_of_second_order_and_the_geodesic_one_of_first(x64):
-    radial, geodesic, elsewhere = cap_convergence([32, 64], 1.5, "float64")
+    radial, geodesic, elsewhere = kind.cap_convergence([32, 64], 1.5, "float64")
     assert radial.orders[1] == pytest.approx(2, abs=0.1)
     assert 0.9 < geodesic.orders[1] < 1.5
     assert 0.9 < elsewhere.orders[1] < 1.5
@@ -85,8 +87,8 @@ def test_a_mesh_stands_in_for_the_face(tmp_path: Path, monkeypatch: pytest.Monke
     pytest.importorskip("trimesh")
     (tmp_path / "tent.obj").write_text(TENT)
     with jax.enable_x64(True):
-        found = surface_distances(Surface(path="tent.obj", height=41, width=41), tmp_path)
-        ways = ways_to(found, 4, 0.8)
+        found = kind.surface_distances(kind.Surface(path="tent.obj", height=41, width=41), tmp_path)
+        ways = kind.ways_to(found, 4, 0.8)
     np.testing.assert_allclose(found.source, [20, 20], atol=0.6)
     for way in ways:
         assert way.radial == pytest.approx(np.hypot(1, 0.5) * way.planar, rel=0.03)

@@ -5,17 +5,12 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from paper_kinds import module_of
 
 from jaxlens.experiments import run
-from jaxlens.experiments.linegrids import (
-    HALF,
-    Setting,
-    bend_of_curve,
-    bend_of_picture,
-    curves,
-    picture,
-    straight_picture,
-)
+
+pytestmark = pytest.mark.usefixtures("kinds")
+kind = module_of("grids")
 
 
 @pytest.mark.parametrize(
@@ -31,9 +26,9 @@ from jaxlens.experiments.linegrids import (
         ("lens", -9.0, "not shown"),
     ],
 )
-def test_curves_and_pictures_agree_on_barrel_and_pincushion(setting: Setting, k: float, name: str):
+def test_curves_and_pictures_agree_on_barrel_and_pincushion(setting: kind.Setting, k: float, name: str):
     size = 61
-    curve, raster = bend_of_curve(setting, k, size), bend_of_picture(setting, k, size)
+    curve, raster = kind.bend_of_curve(setting, k, size), kind.bend_of_picture(setting, k, size)
     assert curve.name == raster.name == name
     if name != "not shown":
         assert raster.pixels == pytest.approx(curve.pixels, abs=0.05)
@@ -41,9 +36,9 @@ def test_curves_and_pictures_agree_on_barrel_and_pincushion(setting: Setting, k:
 
 def test_lines_of_the_curves_are_dark_in_the_picture():
     size, lines = 61, 5
-    shown = np.asarray(picture("lens", 0.3, straight_picture(lines, size)))
-    middle = curves("lens", 0.3, lines)[lines // 2]
-    columns, rows = (middle.T + HALF) * size / (2 * HALF)
+    shown = np.asarray(kind.picture("lens", 0.3, kind.straight_picture(lines, size)))
+    middle = kind.curves("lens", 0.3, lines)[lines // 2]
+    columns, rows = (middle.T + kind.HALF) * size / (2 * kind.HALF)
     inside = (rows > 2) & (rows < size - 2)
     assert shown[np.round(rows[inside]).astype(int), np.round(columns[inside]).astype(int)].max() < 0.3
     assert shown.mean() > 0.6

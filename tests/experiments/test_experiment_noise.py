@@ -4,9 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from paper_kinds import module_of
 
 from jaxlens.experiments import ConfigError, config, run
-from jaxlens.experiments.noises import arrangements, scores, spread_of
+
+pytestmark = pytest.mark.usefixtures("kinds")
+kind = module_of("noise")
 
 TEXT = """
 kind = "noise"
@@ -30,7 +33,7 @@ def even() -> np.ndarray:
 
 def test_expected_range_density_and_test_are_scipys(even: np.ndarray):
     stats = pytest.importorskip("scipy.stats")
-    spread = spread_of(even, 8)
+    spread = kind.spread_of(even, 8)
     blocks = [even[i : i + 8, j : j + 8].ravel() for i in range(0, 64, 8) for j in range(0, 80, 8)]
     np.testing.assert_allclose(spread.local.ravel(), [np.std(one, ddof=1) for one in blocks], rtol=1e-12)
     sigma = np.sqrt(np.mean(spread.local**2))
@@ -43,14 +46,14 @@ def test_expected_range_density_and_test_are_scipys(even: np.ndarray):
 
 
 def test_even_noise_is_told_from_uneven(even: np.ndarray):
-    spread = spread_of(even, 8)
+    spread = kind.spread_of(even, 8)
     assert spread.inside > 0.9
     assert 0.7 < spread.excess < 1.3
     assert spread.bartlett()[1] > 0.01
-    uneven = spread_of(even * np.linspace(0.5, 1.5, 64)[:, None], 8)
+    uneven = kind.spread_of(even * np.linspace(0.5, 1.5, 64)[:, None], 8)
     assert uneven.excess > 3
     assert uneven.bartlett()[1] < 1e-20
-    assert spread_of(np.pad(even, 8), 8).bartlett() == (np.inf, 0)
+    assert kind.spread_of(np.pad(even, 8), 8).bartlett() == (np.inf, 0)
 
 
 @pytest.mark.usefixtures("x64")
@@ -60,7 +63,7 @@ def test_mse_does_not_see_what_ssim_sees():
     reference, other = 100 + 50 * np.sin(x / 4), 100 + random.uniform(-40, 40, (40, 40))
     # Errors with structure: an edge that has moved.
     errors = np.where((x > 10) & (x < 16), 30.0, 0.0) + 0.1 * y
-    found = {name: scores(*pair, 200.0) for name, pair in arrangements(reference, errors, other, 3).items()}
+    found = {name: kind.scores(*pair, 200.0) for name, pair in kind.arrangements(reference, errors, other, 3).items()}
     exact = np.mean(errors**2)
     for one in found.values():
         assert one["mse"] == pytest.approx(exact, rel=1e-12)

@@ -4,11 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from paper_kinds import module_of
 
-from jaxlens.experiments import ConfigError, run
-from jaxlens.experiments.kinds.projections import kind_of
-from jaxlens.experiments.projecting import distorted, profiles
-from jaxlens.experiments.schema import Warp
+from jaxlens.experiments import ConfigError, Warp, run
+
+pytestmark = pytest.mark.usefixtures("kinds")
+kind = module_of("projections")
 
 TEXT = """
 kind = "projections"
@@ -33,8 +34,8 @@ def _picture() -> np.ndarray:
 def test_displacements_are_the_lenss(k: float):
     """To a fraction of a pixel where the whole profile moves by two; with the sign of Section 2.4."""
     pixels = _picture()
-    picture, seen = distorted(pixels, k, Warp(method="bicubic"))
-    for profile in profiles(pixels, picture, seen, k, window=15, largest=6, least_score=0.9).values():
+    picture, seen = kind.distorted(pixels, k, Warp(method="bicubic"))
+    for profile in kind.profiles(pixels, picture, seen, k, window=15, largest=6, least_score=0.9).values():
         assert np.isfinite(profile.measured).sum() > 40
         assert np.median(np.abs(profile.error)) < 0.15
         outer = profile.expected[60]
@@ -46,10 +47,10 @@ def test_displacements_are_the_lenss(k: float):
 
 @pytest.mark.usefixtures("x64")
 def test_barrel_leaves_pixels_without_source_and_their_rows_out():
-    picture, seen = distorted(np.full((40, 40), 7.0), 0.3, Warp())
+    picture, seen = kind.distorted(np.full((40, 40), 7.0), 0.3, Warp())
     assert not seen[0, 0]
     assert not seen[0].any()
-    profile = profiles(np.full((40, 40), 7.0), picture, seen, 0.3, window=5, largest=3, least_score=0.9)["y"]
+    profile = kind.profiles(np.full((40, 40), 7.0), picture, seen, 0.3, window=5, largest=3, least_score=0.9)["y"]
     assert np.isnan(profile.distorted[0])
     # Inside, black is not averaged in.
     np.testing.assert_allclose(profile.distorted[10:30], 7.0, rtol=1e-4)
@@ -78,7 +79,7 @@ def test_the_experiment_writes_its_folder(folder: Path):
     ]
     assert len(Path("one/profiles_x.csv").read_text().splitlines()) == 1 + 24
     assert len(Path("one/profiles_y.csv").read_text().splitlines()) == 1 + 20
-    assert kind_of(0.0) == "none"
+    assert kind.kind_of(0.0) == "none"
 
 
 @pytest.mark.parametrize(

@@ -7,28 +7,33 @@ from pathlib import Path
 import numpy as np
 import PIL.Image
 import pytest
+from paper_kinds import copy_kinds
 
-import jaxlens.experiments.kinds
-from jaxlens.experiments import ConfigError, ExperimentError, config, reproduce, reproduction
-from jaxlens.experiments.kinds.outcome import Outcome
+from jaxlens.experiments import ConfigError, Experiment, ExperimentError, Outcome, config, reproduce, reproduction
 
+KIND = """
+from pydantic import Field
+from jaxlens.experiments import Experiment, Image
+class Tiny(Experiment):
+    lines: int = Field(default=3, ge=2)
+    image: Image | None = None
+"""
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 4 3"><path d="M0 0L4 3"/></svg>'
 
 
 def write(name: str, *lines: str) -> Path:
-    """A configuration of the kind that needs nothing."""
+    """A configuration, and beside it a kind that needs nothing."""
     path = Path("experiments") / f"{name}.toml"
     path.parent.mkdir(exist_ok=True)
-    path.write_text("\n".join(['kind = "grids"', f'name = "{name}"', *lines]) + "\n", encoding="utf-8")
+    path.with_name("tiny.py").write_text(KIND, encoding="utf-8")
+    path.write_text("\n".join(['kind = "tiny"', f'name = "{name}"', *lines]) + "\n", encoding="utf-8")
     return path
 
 
 def write_with_picture(name: str) -> Path:
     path = write(name)
     PIL.Image.fromarray(np.full((4, 5), 99, np.uint8)).save("experiments/in.png")
-    path.write_text(
-        f'kind = "panels"\nname = "{name}"\nkappa = [[0.1]]\nimage = {{ path = "in.png" }}\n', encoding="utf-8"
-    )
+    path.write_text(f'kind = "tiny"\nname = "{name}"\nimage = {{ path = "in.png" }}\n', encoding="utf-8")
     return path
 
 
@@ -60,7 +65,7 @@ def performer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Performer:
     """Two experiments, `a` and `b`, in a folder that becomes the current one."""
     monkeypatch.chdir(tmp_path)
     stand_in = Performer()
-    monkeypatch.setattr(jaxlens.experiments.kinds, "perform", stand_in)
+    monkeypatch.setattr(Experiment, "run", stand_in)
     write("a")
     write("b")
     return stand_in
@@ -93,7 +98,8 @@ def edit(name: str, **changes: object) -> None:
         (lambda: Path("results/a/table.csv").write_text("mine"), "table.csv is missing or has changed"),
         (lambda: Path("results/a/chart.png").unlink(), "chart.png is missing or has changed"),
         (lambda: Path("results/a/manifest.json").write_text("{}"), None),
-        (lambda: edit("run.json", source_sha256="0"), "the source of jaxlens has changed"),
+        (lambda: edit("run.json", sources={}), "the source has changed: beside.tiny, jaxlens"),
+        (lambda: edit("run.json", sources=None), "the source has changed: beside.tiny, jaxlens"),
         (lambda: edit("run.json", versions={"jax": "0.1"}), "jax is"),
         (lambda: edit("run.json", versions=None), "jax is"),
         (lambda: edit("manifest.json", input_files={"image.path": "0"}), "an input has changed"),
@@ -251,7 +257,7 @@ def test_what_is_said(performer: Performer, capsys: pytest.CaptureFixture[str]):
     reproduce(["experiments"])
     out, err = capsys.readouterr()
     said = err.splitlines()
-    assert said[0] == "a: running (there are no results yet)"
+    assert said[0] == "a: running experiments/tiny.py (there are no results yet)"
     assert said[1].startswith("a: done in ")
     assert said[3] == "b: failed: no [luck]"
     assert "no [luck]" in out
@@ -260,7 +266,9 @@ def test_what_is_said(performer: Performer, capsys: pytest.CaptureFixture[str]):
 
 def test_an_experiment_is_carried_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
-    write("g", "lines = 3", "size = 61", "k = [0.3]")
+    path = write("g", "lines = 3", "size = 61", "k = [0.3]")
+    path.write_text(path.read_text().replace("tiny", "grids"))
+    copy_kinds(path.parent)
     assert again() == {"g": "done"}
     assert again() == {"g": "up to date"}
     page = Path("results/index.html").read_text(encoding="utf-8")

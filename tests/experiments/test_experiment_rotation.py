@@ -7,12 +7,14 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+from paper_kinds import copy_kinds, module_of
 from scipy.spatial.transform import Rotation
 
 import jaxlens as jl
 from jaxlens.experiments import ConfigError, run
-from jaxlens.experiments.rotating import rotations_of
 from jaxlens.self_calibration import RotatingCamera, focal_length_bias
+
+rotations_of = module_of("rotation").rotations_of
 
 SMALL = """
 kind = "rotation"
@@ -32,6 +34,7 @@ turns = [[10, 5, 20], [-4, 9, -30]]
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     folder = tmp_path_factory.mktemp("rotation")
+    copy_kinds(folder)
     (folder / "small.toml").write_text(SMALL)
     first, second = (run(folder / "small.toml", output=folder / name, quiet=True) for name in ("one", "two"))
     assert [path.name for path in first.files] == ["bias.svg", "manifest.json", "run.json", "table.csv"]
@@ -69,6 +72,7 @@ def test_turns_are_pan_tilt_and_roll_in_degrees(x64):
     np.testing.assert_allclose(found, Rotation.from_rotvec(vectors).as_matrix(), atol=1e-15)
 
 
+@pytest.mark.usefixtures("kinds")
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [

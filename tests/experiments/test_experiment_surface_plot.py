@@ -8,6 +8,9 @@ import pytest
 from jaxlens.experiments import ConfigError, config, run
 from jaxlens.experiments.sources import load_source
 
+pytestmark = pytest.mark.usefixtures("kinds")
+
+
 TEXT = """
 kind = "surface_plot"
 name = "s"

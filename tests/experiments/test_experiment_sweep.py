@@ -9,10 +9,10 @@ import PIL.Image
 import pytest
 from rich.console import Console
 
-import jaxlens.experiments.kinds
 from jaxlens.experiments import ExperimentError, config, run
 from jaxlens.experiments.schema import Warp
-from jaxlens.experiments.sweeping import estimated_bytes, lanes_within, sweep
+from jaxlens.experiments.sweep import SweepExperiment
+from jaxlens.experiments.sweep.scoring import estimated_bytes, lanes_within, score_lenses
 from jaxlens.experiments.tables import csv_text
 from jaxlens.files import file_sha256
 
@@ -88,7 +88,7 @@ def test_the_record_of_the_run_holds_what_differs_from_run_to_run(first_run):
     record = json.loads((first_run.report.folder / "run.json").read_text())
     assert record == first_run.report.record
     assert {"python", "jax", "jaxlib", "numpy", "jaxlens"} <= set(record["versions"])
-    assert {"commit", "source_sha256", "device", "platform", "date", "seconds"} <= set(record)
+    assert {"commit", "sources", "device", "platform", "date", "seconds"} <= set(record)
     assert not set(record) & set(first_run.report.manifest)
     assert record["manifest_sha256"] == file_sha256(first_run.report.folder / "manifest.json")
 
@@ -103,11 +103,11 @@ def test_an_interrupted_run_leaves_the_earlier_results(first_run, folder: Path, 
     shutil.copytree(first_run.report.folder, "results/tiny")
     before = contents(Path("results/tiny"))
 
-    def interrupted(configuration, temporary: Path, progress: Console):
+    def interrupted(experiment, configuration, temporary: Path, progress: Console):
         (temporary / "table.csv").write_text("kappa1,ka")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(jaxlens.experiments.kinds, "perform", interrupted)
+    monkeypatch.setattr(SweepExperiment, "run", interrupted)
     with pytest.raises(KeyboardInterrupt):
         run("tiny.toml", quiet=True)
     assert contents(Path("results/tiny")) == before
@@ -117,7 +117,7 @@ def test_an_interrupted_run_leaves_the_earlier_results(first_run, folder: Path, 
 def test_a_foreign_folder_is_refused_before_any_work(folder: Path, monkeypatch: pytest.MonkeyPatch):
     Path("mine").mkdir()
     Path("mine/thesis.tex").write_text("years of work")
-    monkeypatch.setattr(jaxlens.experiments.kinds, "perform", lambda *arguments: pytest.fail("began to work"))
+    monkeypatch.setattr(SweepExperiment, "run", lambda *arguments: pytest.fail("began to work"))
     with pytest.raises(ExperimentError, match=r"thesis\.tex"):
         run("tiny.toml", quiet=True, output="mine")
     assert contents(Path("mine")) == {"thesis.tex": b"years of work"}
@@ -158,7 +158,8 @@ def test_results_do_not_depend_on_how_the_grid_is_cut(dtype: str):
     kappa = np.random.default_rng(1).uniform(-0.3, 3, (7, 2))
     with jax.enable_x64(dtype == "float64"):
         tables = [
-            csv_text(sweep(pixels, kappa, peak=193.0, warp=Warp(), chunk=chunk, memory_mb=0.1)) for chunk in (1, 3, 7)
+            csv_text(score_lenses(pixels, kappa, peak=193.0, warp=Warp(), chunk=chunk, memory_mb=0.1))
+            for chunk in (1, 3, 7)
         ]
     assert tables[0] == tables[1] == tables[2]
 

@@ -10,9 +10,9 @@ import pytest
 from rich.console import Console
 
 from jaxlens.experiments import config, paper, run
-from jaxlens.experiments.readings import READINGS
+from jaxlens.experiments.paper import READINGS
 from jaxlens.experiments.sources import load_source
-from jaxlens.experiments.sweeping import deform_all
+from jaxlens.experiments.sweep.scoring import deform_all
 
 ROOT = Path(__file__).parents[2]
 CONFIGURATION = ROOT / "experiments" / "table1.toml"

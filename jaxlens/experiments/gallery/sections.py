@@ -8,9 +8,9 @@ from pathlib import Path
 from urllib.parse import quote
 
 from jaxlens.experiments.errors import ExperimentError
+from jaxlens.experiments.experiment import Experiment
 from jaxlens.experiments.folders import MANIFEST
 from jaxlens.experiments.gallery.tables import Comparison, CsvTable, comparison, csv_table
-from jaxlens.experiments.schema import Experiment
 
 # By suffix, the best first: of files with one stem, the first is shown.
 MEDIA = {
