@@ -5,6 +5,7 @@ from . import diagnostics as diagnostics
 from . import fitting as fitting
 from . import images as images
 from . import lenses as lenses
+from . import meshes as meshes
 from . import metrics as metrics
 from . import projections as projections
 from . import self_calibration as self_calibration

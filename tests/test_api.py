@@ -17,7 +17,8 @@ MODULES = {name: module for name in jl.__all__ if inspect.ismodule(module := get
 def public_names():
     names = {name: getattr(jl, name) for name in jl.__all__ if name not in MODULES}
     for module_name, module in MODULES.items():
-        for name, value in vars(module).items():
+        for name in getattr(module, "__all__", vars(module)):
+            value = getattr(module, name)
             if not name.startswith("_") and getattr(value, "__module__", "").startswith(module.__name__):
                 names[f"{module_name}.{name}"] = value
     return names
@@ -90,9 +91,9 @@ LAYERS = (
     ("metrics",),
     ("projections",),
     ("fitting", "self_calibration"),
-    ("files", "columns"),
     ("surfaces",),
-    ("images", "calibrations"),
+    ("files", "columns"),
+    ("images", "calibrations", "meshes"),
     ("figures",),
     ("experiments",),
     ("cli",),
@@ -130,7 +131,7 @@ def test_the_core_knows_no_files():
     """What is below the line in the design is not seen from above, nor are the libraries that read and draw."""
     for path, here, imported in imports():
         if here in PURE:
-            assert not imported.startswith(("imageio", "PIL", "matplotlib", "tifffile", "trimesh")), path
+            assert not imported.startswith(("imageio", "PIL", "contourpy", "matplotlib", "tifffile", "trimesh")), path
 
 
 def test_private_names_do_not_cross_a_package():

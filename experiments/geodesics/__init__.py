@@ -223,8 +223,9 @@ def surface_distances(surface: Surface, folder: Path) -> figures.Distances:
         depth_map, albedo, lit_by = jl.surfaces.face(height, width), jl.surfaces.face_albedo(height, width), None
     else:
         try:
-            depth_map, albedo = jl.surfaces.from_mesh(folder / surface.path, height, width), None
-            lit_by = jl.surfaces.normals_from_mesh(folder / surface.path, height, width)
+            mesh = jl.meshes.read(folder / surface.path)
+            depth_map, albedo = jl.surfaces.from_mesh(mesh, height, width), None
+            lit_by = jl.surfaces.normals_from_mesh(mesh, height, width)
         except (ValueError, OSError, ImportError) as error:
             raise ExperimentError(f"{surface.path}: {error}") from error
     return figures.measure_distances(depth_map, albedo=albedo, normals=lit_by)

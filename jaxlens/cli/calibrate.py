@@ -6,15 +6,19 @@
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import TYPE_CHECKING, Annotated, Optional
 
 from tyro.conf import Positional, arg
 
-from jaxlens.cli.errors import CommandError, UsageError
-from jaxlens.cli.fits import FitArguments, check_fit_arguments, deliver, fitting, model_lens, parse_size
-from jaxlens.cli.messages import say
-from jaxlens.cli.options import check_file, check_max_pixels
-from jaxlens.cli.values import Paths, paths
+from jaxlens.cli import options
+from jaxlens.cli.estimation import FitArguments, check_fit_arguments, deliver, fitting, model_lens
+from jaxlens.cli.inputs import check_file, gray_values, list_files, read_picture
+from jaxlens.cli.messages import CommandError, UsageError, say
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from jaxlens.images import Picture
 
 HELP = """Calibrate a camera: its matrix, its lens and the poses of a board.
 
@@ -31,11 +35,18 @@ Examples:
   jaxlens calibrate --corners corners.csv --image-size 640x480 --plots fit/"""
 
 
+# Half the window in which a corner is refined, and when that ends.
+_WINDOW = (5, 5)
+_STEPS, _SMALLEST = 30, 1e-3
+
+
 @dataclass(frozen=True)
 class Arguments(FitArguments):
     """Calibrate a camera from pictures of a chessboard."""
 
-    files: Annotated[Paths, Positional, paths("FILE..."), arg(help_behavior_hint="")] = field(default_factory=Paths)
+    files: Annotated[options.Paths, Positional, options.words(options.Paths, "FILE..."), arg(help_behavior_hint="")] = (
+        field(default_factory=options.Paths)
+    )
     """Pictures of the board, or folders of them, which are not searched deeper; not with --corners."""
 
     model: Annotated[str, arg(metavar="NAME")] = "brown-conrady"
@@ -54,14 +65,13 @@ class Arguments(FitArguments):
     image_size: Annotated[Optional[str], arg(metavar="WIDTHxHEIGHT", help_behavior_hint="")] = None
     """The pictures' size in pixels, with --corners."""
 
-    max_pixels: Annotated[Optional[int], arg(metavar="COUNT", help_behavior_hint="(default: 200 million)")] = None
-    """Refuse pictures with more pixels, before they are decoded."""
+    max_pixels: options.MaxPixels = None
 
 
 def run(arguments: Arguments) -> int:
     """Runs the command; returns the exit code."""
     check_fit_arguments(arguments)
-    check_max_pixels(arguments.max_pixels)
+    options.check_max_pixels(arguments.max_pixels)
     if bool(arguments.files) == (arguments.corners is not None):
         raise UsageError("pass pictures of the board, with --board, or --corners FILE.csv, with --image-size")
     found = _from_table(arguments) if arguments.corners is not None else _from_pictures(arguments)
@@ -113,7 +123,7 @@ def _from_table(arguments: Arguments) -> _Found:
     check_file(arguments.corners)
     if arguments.image_size is None:
         raise UsageError("--corners needs --image-size WIDTHxHEIGHT: a table does not say how large its pictures are")
-    size = parse_size(arguments.image_size, "--image-size")
+    size = options.parse_size(arguments.image_size, "--image-size")
     from jaxlens.calibrations import CalibrationError, read_corners
 
     try:
@@ -131,38 +141,63 @@ def _from_pictures(arguments: Arguments) -> _Found:
         raise UsageError("--image-size goes with --corners; pictures have a size of their own: leave it out")
     if not 0 < arguments.square < math.inf:
         raise UsageError(f"--square is a length above 0, got {arguments.square}")
-    board = parse_size(arguments.board, "--board")
+    board = options.parse_size(arguments.board, "--board")
     if min(board) < 3:
         raise UsageError(f"--board counts inner corners, three a side at least; got {arguments.board}")
-    from jaxlens.cli.chessboards import board_points, find_corners
-    from jaxlens.cli.jobs import list_files
-
     files = list_files(arguments.files)
-    from jaxlens.cli.pictures import read_picture
+    import numpy as np
 
+    columns, rows = np.meshgrid(np.arange(board[0]), np.arange(board[1]))
+    on_board = arguments.square * np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(np.float64)
     names, views, size, first, unread = [], [], None, None, 0
     for path in files:
         try:
-            pixels = read_picture(path, arguments.max_pixels).pixels
+            picture = read_picture(path, arguments.max_pixels)
         except CommandError as error:
             say(f"{error}: left out")
             unread += 1
             continue
-        here = (pixels.shape[1], pixels.shape[0])
+        here = (picture.pixels.shape[1], picture.pixels.shape[0])
         if size is not None and here != size:
             raise CommandError(
                 f"{str(path)!r} is {here[0]} × {here[1]}, and {str(first)!r} {size[0]} × {size[1]}: one "
                 "camera takes pictures of one size; calibrate them apart"
             )
         size, first = here, first or path
-        corners = find_corners(pixels, board)
+        corners = _find_corners(picture, board)
         if corners is None:
             say(f"no board of {board[0]} × {board[1]} inner corners in {str(path)!r}: left out")
             continue
         names.append(path.name)
-        views.append((board_points(board, arguments.square), corners))
+        views.append((on_board, corners))
     if size is None:
         raise CommandError("no picture could be read" if len(files) > 1 else "the picture could not be read")
     if not views:
         raise CommandError(f"none of the {len(files)} pictures shows a board; is --board {arguments.board} right?")
     return _Found(names, views, size, unread)
+
+
+def _find_corners(picture: "Picture", board: tuple[int, int]) -> "np.ndarray | None":
+    """The inner corners of a chessboard, `(n, 2)`, row by row; None if it is not found."""
+    try:
+        import cv2
+    except ImportError:
+        raise UsageError(
+            "finding a board takes OpenCV: pip install 'jaxlens[calibrate]'; or find the corners elsewhere, and pass "
+            "--corners FILE.csv"
+        ) from None
+    import numpy as np
+
+    values, _ = gray_values(picture)
+    low, high = float(values.min()), float(values.max())
+    gray = np.round((values - low) * (255 / max(high - low, 1e-12))).astype(np.uint8)
+    found, corners = cv2.findChessboardCorners(
+        gray, board, flags=cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
+    )
+    if found:
+        criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, _STEPS, _SMALLEST)
+        corners = cv2.cornerSubPix(gray, corners, _WINDOW, (-1, -1), criteria)
+    else:
+        # Slower, and finds boards that are out of focus or in uneven light.
+        found, corners = cv2.findChessboardCornersSB(gray, board)
+    return np.asarray(corners, np.float64).reshape(-1, 2) if found else None

@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 from tyro.conf import Positional, arg
 
-from jaxlens.cli.errors import UsageError
-from jaxlens.cli.options import check_file, check_max_pixels
+from jaxlens.cli import options
+from jaxlens.cli.inputs import check_file, read_picture
+from jaxlens.cli.messages import UsageError, describe
+from jaxlens.cli.progress import progress_of
 
 if TYPE_CHECKING:
     from jaxlens.images import Picture
@@ -49,19 +51,16 @@ class Arguments:
     json: Annotated[bool, arg(help_behavior_hint="")] = False
     """Print JSON in place of a table."""
 
-    max_pixels: Annotated[Optional[int], arg(metavar="COUNT", help_behavior_hint="(default: 200 million)")] = None
-    """Refuse pictures with more pixels, before they are decoded."""
+    max_pixels: options.MaxPixels = None
 
 
 def run(arguments: Arguments) -> int:
     """Runs the command; returns the exit code."""
     if arguments.data_range is not None and not 0 < arguments.data_range < math.inf:
         raise UsageError(f"--data-range is a number above 0, got {arguments.data_range}")
-    check_max_pixels(arguments.max_pixels)
+    options.check_max_pixels(arguments.max_pixels)
     check_file(arguments.reference)
     check_file(arguments.image)
-    from jaxlens.cli.pictures import read_picture
-
     reference = read_picture(arguments.reference, arguments.max_pixels)
     image = read_picture(arguments.image, arguments.max_pixels)
     _check_alike(arguments, reference, image)
@@ -75,8 +74,6 @@ def run(arguments: Arguments) -> int:
 
 
 def _check_alike(arguments: Arguments, reference: "Picture", image: "Picture") -> None:
-    from jaxlens.cli.pictures import describe
-
     first, second = reference.pixels, image.pixels
     if first.shape == second.shape and (first.dtype == second.dtype or _both_float(first, second)):
         return
@@ -117,8 +114,8 @@ def _evaluate(reference: "Picture", image: "Picture", data_range: float) -> dict
     from jaxlens.metrics import evaluate_in_strips
 
     # Sums over millions of pixels are good to all digits shown in double precision only.
-    with jax.enable_x64(True):
-        scores = evaluate_in_strips(reference.pixels, image.pixels, data_range=data_range)
+    with jax.enable_x64(True), progress_of("comparing") as progress:
+        scores = evaluate_in_strips(reference.pixels, image.pixels, data_range=data_range, progress=progress)
         return {name: float(score) for name, score in scores.items()}
 
 
@@ -148,7 +145,6 @@ def _print_table(arguments: Arguments, picture: "Picture", data_range: float, sc
     from rich.console import Console
     from rich.table import Table
 
-    from jaxlens.cli.pictures import describe
     from jaxlens.metrics import METRICS
 
     table = Table(box=None, pad_edge=False, header_style="bold")

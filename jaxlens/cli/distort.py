@@ -2,8 +2,7 @@
 
 from dataclasses import dataclass
 
-from jaxlens.cli.jobs import plan_jobs
-from jaxlens.cli.options import WarpArguments, check_options
+from jaxlens.cli.warping import WarpArguments, warp_pictures
 
 HELP = """Make the picture that a lens would take of an undistorted one.
 
@@ -27,8 +26,4 @@ class Arguments(WarpArguments):
 
 def run(arguments: Arguments) -> int:
     """Runs the command; returns the exit code."""
-    check_options(arguments)
-    jobs = plan_jobs(arguments.files, arguments.output)
-    from jaxlens.cli.batch import warp_files
-
-    return warp_files(jobs, arguments, "distort")
+    return warp_pictures(arguments, "distort")

@@ -17,8 +17,7 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import Any, NoReturn
 
-from jaxlens.cli.errors import CommandError, describe_unexpected, wants_traceback
-from jaxlens.cli.messages import say
+from jaxlens.cli.messages import CommandError, describe_unexpected, say, wants_traceback
 from jaxlens.cli.signals import leave, obey_signals
 
 COMMANDS = (

@@ -1,17 +1,20 @@
 """`jaxlens fit images`: a lens from a picture without it and the same picture with it."""
 
-# Optional[X] for the same reason as in `jaxlens.cli.options`.
-# ruff: noqa: UP045
-
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
-from jaxlens.cli.errors import CommandError
-from jaxlens.cli.fits import FitArguments, check_fit_arguments, deliver, fitting, model_lens
-from jaxlens.cli.options import check_file, check_max_pixels
+from jaxlens.cli import options
+from jaxlens.cli.estimation import FitArguments, check_fit_arguments, deliver, fitting, model_lens
+from jaxlens.cli.inputs import check_file, read_picture
+from jaxlens.cli.messages import UsageError, describe
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from jaxlens.images import Picture
 
 HELP = """Find the lens that turns one picture into another.
 
@@ -35,34 +38,30 @@ class Arguments(FitArguments):
     distorted: Annotated[Path, Positional, arg(metavar="DISTORTED", help_behavior_hint="")]
     """The picture with it."""
 
-    fit_center: Annotated[bool, arg(help_behavior_hint="")] = False
-    """Fit the lens's centre of distortion, too."""
+    fit_center: options.FitCenter = False
 
-    max_pixels: Annotated[Optional[int], arg(metavar="COUNT", help_behavior_hint="(default: 200 million)")] = None
-    """Refuse pictures with more pixels, before they are decoded."""
+    max_pixels: options.MaxPixels = None
 
 
 def run(arguments: Arguments) -> int:
     """Runs the command; returns the exit code."""
     check_fit_arguments(arguments)
-    check_max_pixels(arguments.max_pixels)
+    options.check_max_pixels(arguments.max_pixels)
     check_file(arguments.source)
     check_file(arguments.distorted)
-    from jaxlens.cli.pictures import describe, read_picture
-
     source, distorted = (read_picture(path, arguments.max_pixels) for path in (arguments.source, arguments.distorted))
     height, width = source.pixels.shape[:2]
     if distorted.pixels.shape[:2] != (height, width):
-        raise CommandError(
+        raise UsageError(
             f"{str(arguments.source)!r} is {describe(source)}, and {str(arguments.distorted)!r} is "
-            f"{describe(distorted)}: resize one of them, so that a pixel of both is as large"
+            f"{describe(distorted)}: they must be of one size; resize one of them, so that a pixel of both is as large"
         )
     import jax.numpy as jnp
 
     from jaxlens.fitting import fit_images
 
     with fitting():
-        first, second = (jnp.asarray(_colours(picture.pixels), float) for picture in (source, distorted))
+        first, second = (jnp.asarray(_colours(picture), float) for picture in (source, distorted))
         fit = fit_images(
             model_lens(arguments),
             first,
@@ -88,6 +87,6 @@ def run(arguments: Arguments) -> int:
     return 0
 
 
-def _colours(pixels):
+def _colours(picture: "Picture") -> "np.ndarray":
     """Pixels without alpha, which is no brightness."""
-    return pixels[..., :-1] if pixels.ndim == 3 and pixels.shape[2] in (2, 4) else pixels
+    return picture.pixels[..., :-1] if picture.has_alpha else picture.pixels

@@ -1,26 +1,22 @@
 """`jaxlens fit points`: a lens from correspondences."""
 
-# Optional[X] for the same reason as in `jaxlens.cli.options`.
-# ruff: noqa: UP045
-
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from jaxlens.cli.fits import (
+from jaxlens.cli import options
+from jaxlens.cli.estimation import (
     FitArguments,
     check_fit_arguments,
     check_normalized,
     deliver,
     fitting,
     frame_and_unit,
-    load_columns,
     model_lens,
-    parse_size,
 )
-from jaxlens.cli.options import check_file
+from jaxlens.cli.inputs import check_file, read_columns
 
 HELP = """Find the lens that takes ideal points to observed ones.
 
@@ -42,11 +38,9 @@ class Arguments(FitArguments):
     file: Annotated[Path, Positional, arg(metavar="FILE.csv", help_behavior_hint="")]
     """The correspondences."""
 
-    image_size: Annotated[Optional[str], arg(metavar="WIDTHxHEIGHT", help_behavior_hint="")] = None
-    """The points are pixels of pictures of this size."""
+    image_size: options.ImageSize = None
 
-    fit_center: Annotated[bool, arg(help_behavior_hint="")] = False
-    """Fit the lens's centre of distortion, too."""
+    fit_center: options.FitCenter = False
 
     fit_scale: Annotated[bool, arg(help_behavior_hint="")] = False
     """Fit one factor on the size of the observed points, too."""
@@ -56,8 +50,8 @@ def run(arguments: Arguments) -> int:
     """Runs the command; returns the exit code."""
     check_fit_arguments(arguments)
     check_file(arguments.file)
-    size = None if arguments.image_size is None else parse_size(arguments.image_size, "--image-size")
-    columns = load_columns(arguments.file, ("ideal_x", "ideal_y", "observed_x", "observed_y"), optional=("weight",))
+    size = None if arguments.image_size is None else options.parse_size(arguments.image_size, "--image-size")
+    columns = read_columns(arguments.file, ("ideal_x", "ideal_y", "observed_x", "observed_y"), optional=("weight",))
     check_normalized(size, columns, ("ideal_x", "ideal_y", "observed_x", "observed_y"))
     import numpy as np
 

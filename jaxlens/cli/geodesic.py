@@ -9,11 +9,12 @@ from typing import Annotated, Optional
 
 from tyro.conf import Positional, arg
 
-from jaxlens.cli.errors import CommandError, UsageError
-from jaxlens.cli.messages import say
-from jaxlens.cli.options import check_file, check_max_pixels
-from jaxlens.cli.surfaces import View, check_view, load_surface
-from jaxlens.cli.values import Numbers, numbers
+from jaxlens.cli import options
+from jaxlens.cli.depth_maps import View, check_view, load_surface
+from jaxlens.cli.inputs import check_file, is_mesh
+from jaxlens.cli.messages import CommandError, UsageError, say
+from jaxlens.cli.outputs import check_new_folder, make_folder, write_figure, write_picture, write_text
+from jaxlens.cli.progress import progress_of
 
 HELP = """Measure distances along a surface, from its most prominent point or another.
 
@@ -49,8 +50,8 @@ class Arguments(View):
     """The folder for the four files, which is made if need be."""
 
     source: Annotated[
-        Optional[Numbers],
-        numbers("X Y", count=2, largest=1e6),
+        Optional[options.Numbers],
+        options.numbers("X Y", count=2, largest=1e6),
         arg(help_behavior_hint="(default: the most prominent point)"),
     ] = None
     """The point to measure from, in pixels."""
@@ -65,11 +66,9 @@ class Arguments(View):
     max_points: Annotated[Optional[int], arg(metavar="N", help_behavior_hint="(default: 1 million)")] = None
     """Take a surface with more points coarser, so that it has at most as many; the time grows faster than they do."""
 
-    overwrite: Annotated[bool, arg(help_behavior_hint="")] = False
-    """Replace files that exist."""
+    overwrite: options.Overwrite = False
 
-    max_pixels: Annotated[Optional[int], arg(metavar="COUNT", help_behavior_hint="(default: 200 million)")] = None
-    """Refuse pictures with more pixels, before they are decoded."""
+    max_pixels: options.MaxPixels = None
 
 
 # Points that take a minute or two where the surface is as rough as noise, and much less where it is smooth.
@@ -82,7 +81,7 @@ _FILES = ("geodesic.tif", "radial.tif", "curves.csv", "distances.png")
 def run(arguments: Arguments) -> int:
     """Runs the command; returns the exit code."""
     check_file(arguments.file)
-    check_max_pixels(arguments.max_pixels)
+    options.check_max_pixels(arguments.max_pixels)
     check_view(arguments)
     for name in ("relief", "step"):
         value = getattr(arguments, name)
@@ -90,7 +89,7 @@ def run(arguments: Arguments) -> int:
             raise UsageError(f"--{name} is a length above 0, got {value:g}")
     if arguments.max_points is not None and arguments.max_points < 16:
         raise UsageError(f"--max-points is at least 16, got {arguments.max_points}")
-    _check_folder(arguments.output, arguments.overwrite)
+    check_new_folder(arguments.output, _FILES, overwrite=arguments.overwrite)
     import jax
 
     with jax.enable_x64(True):
@@ -98,28 +97,13 @@ def run(arguments: Arguments) -> int:
     return 0
 
 
-def _check_folder(folder: Path, overwrite: bool) -> None:
-    if folder.exists() and not folder.is_dir():
-        raise UsageError(f"--output {str(folder)!r} is a file; name a folder")
-    if not folder.exists() and not folder.parent.is_dir():
-        raise UsageError(f"--output: there is no folder {str(folder.parent)!r}; make it first")
-    taken = [name for name in _FILES if (folder / name).exists()]
-    if taken and not overwrite:
-        raise UsageError(f"{str(folder / taken[0])!r} exists; pass --overwrite to replace it")
-
-
 def _measure(arguments: Arguments) -> None:
     import numpy as np
 
-    from jaxlens.cli.figures import save_figure
-    from jaxlens.cli.meshes import is_mesh
-    from jaxlens.cli.pictures import write_picture
-    from jaxlens.cli.progress import progress_of
+    from jaxlens.figures.contours import contour_lines
     from jaxlens.figures.distances import distance_maps, measure_distances
     from jaxlens.figures.style import style
-    from jaxlens.files import write_text
     from jaxlens.images import Picture
-    from jaxlens.surfaces import iso_distance_curves
 
     most = _MAX_POINTS if arguments.max_points is None else arguments.max_points
     loaded = load_surface(arguments.file, arguments, arguments.max_pixels, relief=arguments.relief, max_points=most)
@@ -152,22 +136,18 @@ def _measure(arguments: Arguments) -> None:
         )
     levels = step * np.arange(1, int(farthest / step) + 1)
     lines = ["distance,curve,x,y"]
-    for level, curves in zip(levels, iso_distance_curves(found.geodesic, levels), strict=True):
+    for level, curves in zip(levels, contour_lines(found.geodesic, levels), strict=True):
         scaled = [(curve + 0.5) * factors - 0.5 for curve in curves]
         lines += [f"{level:.9g},{i},{x:.3f},{y:.3f}" for i, curve in enumerate(scaled) for x, y in curve]
     origin, place = ("the most prominent point",) * 2 if source is None else ("the source", "as given")
     with style():
         figure = distance_maps(found, step, unit, origin=origin)
     folder = arguments.output
-    try:
-        folder.mkdir(exist_ok=True)
-        for name, values in (("geodesic.tif", found.geodesic), ("radial.tif", found.radial)):
-            picture = Picture(values.astype(np.float32))
-            write_picture(folder / name, picture, overwrite=arguments.overwrite, quality=None)
-        write_text(folder / "curves.csv", "\n".join(lines) + "\n", overwrite=arguments.overwrite)
-        save_figure(folder / "distances.png", figure, overwrite=arguments.overwrite)
-    except OSError as error:
-        raise CommandError(f"cannot write into {str(folder)!r}: {error.strerror or error}") from error
+    make_folder(folder)
+    for name, values in (("geodesic.tif", found.geodesic), ("radial.tif", found.radial)):
+        write_picture(folder / name, Picture(values.astype(np.float32)), overwrite=arguments.overwrite)
+    write_text(folder / "curves.csv", "\n".join(lines) + "\n", overwrite=arguments.overwrite)
+    write_figure(folder / "distances.png", figure, overwrite=arguments.overwrite)
     lost = int(np.isinf(found.geodesic).sum())
     x, y = (found.source + 0.5) * factors - 0.5
     print(f"source            pixel ({x:.2f}, {y:.2f}), {place}")  # noqa: T201

@@ -1,21 +1,16 @@
-"""Which picture is written where: settled, and checked, before the first one is read."""
+"""Many pictures: which is written where, settled before the first is read; then one after another, failures named."""
 
+import contextlib
 import os
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from jaxlens.cli.errors import UsageError
-from jaxlens.cli.messages import say
-from jaxlens.cli.options import check_path
-
-# Pictures of cameras and phones that are not read. Whoever finds them left out should know it.
-_HEIF = "HEIF is not read; convert it first, with pillow-heif for instance, to PNG or TIFF"
-_RAW = "raw pictures are not read; develop it first, with rawpy for instance, to TIFF"
-_REMEDIES = {
-    **dict.fromkeys((".heic", ".heif", ".hif"), _HEIF),
-    ".jxl": "JPEG XL is not read; convert it first to PNG",
-    **dict.fromkeys((".arw", ".cr2", ".cr3", ".dng", ".nef", ".orf", ".raf", ".rw2"), _RAW),
-}
+from jaxlens.cli.inputs import list_files
+from jaxlens.cli.messages import CommandError, UsageError, describe_unexpected, say, wants_traceback
+from jaxlens.cli.outputs import check_folder_name, check_picture_name, is_writable_name
+from jaxlens.cli.progress import progress_of
+from jaxlens.files import unless_finished
 
 
 @dataclass(frozen=True)
@@ -54,104 +49,50 @@ def plan_jobs(inputs: tuple[Path, ...], output: str) -> list[Job]:
     path = Path(output)
     names_folder = path.is_dir() or output.endswith(("/", os.sep))
     if len(inputs) == 1 and not inputs[0].is_dir() and not names_folder:
-        check_picture_file(path)
+        check_picture_name(path)
         return [Job(sources[0], path, None)]
-    _check_folder(path, named_so=names_folder)
+    check_folder_name(path, named_so=names_folder)
     return _without_clashes([Job(source, path / _name_for(source), path) for source in sources])
 
 
-def list_files(inputs: tuple[Path, ...]) -> list[Path]:
-    """Returns files as they are, and of folders the pictures in them; what is no picture that is read is named.
+def run_jobs(jobs: Sequence[Job], do: Callable[[Job], str], purpose: str, *, overwrite: bool) -> int:
+    """Does jobs one after another, with a bar on a terminal if there are several; those that fail are named.
 
     Args:
-        inputs: Files and folders. Of several, a file that is missing is left for whoever reads it to name.
+        jobs: At least one, by `plan_jobs`.
+        do: Does one, and returns what it has written, in words.
+        purpose: What is done to each picture: a verb.
+        overwrite: Replace files that exist.
 
     Returns:
-        At least one path, none twice.
-
-    Raises:
-        UsageError: the only input does not exist, or a folder holds no picture.
+        The exit code: 0, or 1 where a job failed.
     """
-    if len(inputs) == 1:
-        check_path(inputs[0])
-    return list(dict.fromkeys(file for path in inputs for file in _files_of(path)))
-
-
-def _files_of(path: Path) -> list[Path]:
-    if not path.is_dir():
-        return [path]
-    from jaxlens.images import ImageError, list_images
-
-    try:
-        files = list_images(path)
-    except ImageError as error:
-        raise UsageError(str(error)) from None
-    for name, remedy in sorted(_unread(path).items()):
-        say(f"skipping {str(path / name)!r}: {remedy}")
-    if not files:
-        raise UsageError(f"there is no picture in the folder {str(path)!r}; folders in it are not searched")
-    return files
-
-
-def _unread(folder: Path) -> dict[str, str]:
-    """The pictures in a folder that are of no format that is read, and what to do about each."""
-    found = {}
-    for path in folder.iterdir():
-        remedy = _REMEDIES.get(path.suffix.lower())
-        if remedy and not path.name.startswith("."):
-            found[path.name] = remedy
-    return found
-
-
-def has_quality(path: Path) -> bool:
-    """Tells by its suffix whether a picture is written with a quality."""
-    return path.suffix.lower() in (".jpg", ".jpeg", ".webp")
-
-
-def check_picture_file(output: Path) -> None:
-    """Refuses what no picture can be written to.
-
-    Raises:
-        UsageError: no picture is written with its suffix, or its folder does not exist.
-    """
-    if not _is_writable_name(output):
-        from jaxlens.images import WRITABLE_SUFFIXES
-
-        raise UsageError(
-            f"--output {str(output)!r} has the suffix {output.suffix!r}, which no picture is written with; "
-            f"use one of {', '.join(WRITABLE_SUFFIXES)}, or an existing folder"
-        )
-    if not output.parent.is_dir():
-        raise _no_parent(output)
-
-
-def _check_folder(output: Path, *, named_so: bool) -> None:
-    if output.is_dir():
-        return
-    if output.exists() or output.is_symlink():
-        raise UsageError(f"--output {str(output)!r} is to be a folder, and is a file; choose another name")
-    if not output.parent.is_dir():
-        raise _no_parent(output)
-    if _is_writable_name(output) and not named_so:
-        raise UsageError(
-            f"several pictures need a folder, and --output {str(output)!r} is named like a file; "
-            "leave the suffix out, or end the name in a slash"
-        )
-
-
-def _no_parent(output: Path) -> UsageError:
-    return UsageError(f"--output {str(output)!r}: there is no folder {str(output.parent)!r}; make it first")
-
-
-def _is_writable_name(path: Path) -> bool:
-    from jaxlens.images import WRITABLE_SUFFIXES
-
-    return path.suffix.lower() in WRITABLE_SUFFIXES
+    written: list[str] = []
+    several = len(jobs) > 1
+    with _folder(jobs[0].folder), progress_of("pictures") if several else contextlib.nullcontext() as progress:
+        for done, job in enumerate(jobs):
+            if progress is not None:
+                progress(done, len(jobs))
+            try:
+                _check_target(job, overwrite)
+                written.append(do(job))
+            except CommandError as error:
+                say(str(error))
+            except Exception as error:
+                if wants_traceback():
+                    raise
+                # Such as too little memory for this picture; the next one may be smaller.
+                say(f"cannot {purpose} {str(job.source)!r}: {describe_unexpected(error)}")
+    if several:
+        say(f"wrote {len(written)} of {len(jobs)} pictures to {str(jobs[0].folder)!r}")
+    elif written:
+        say(f"wrote {written[0]}")
+    return 0 if len(written) == len(jobs) else 1
 
 
 def _name_for(source: Path) -> str:
     # A name alone, without a folder: the output cannot leave the folder it is put in.
-    return source.name if _is_writable_name(source) else f"{source.stem}.png"
+    return source.name if is_writable_name(source) else f"{source.stem}.png"
 
 
 def _without_clashes(jobs: list[Job]) -> list[Job]:
@@ -168,3 +109,33 @@ def _without_clashes(jobs: list[Job]) -> list[Job]:
                 "run them apart, each into a folder of its own"
             )
     return list(taken.values())
+
+
+def _check_target(job: Job, overwrite: bool) -> None:
+    """Refuses what cannot be written before time is spent on it; the writer looks again."""
+    if job.folder is not None and job.target.is_symlink():
+        target, folder = job.target.resolve(), job.folder.resolve()
+        if not target.is_relative_to(folder):
+            raise CommandError(
+                f"{str(job.target)!r} is a link that leads out of the folder, to {str(target)!r}; remove it first"
+            )
+    if job.target.is_dir():
+        raise CommandError(f"{str(job.target)!r} is a folder; move it away, or choose another --output")
+    if job.target.exists() and not overwrite:
+        raise CommandError(f"{str(job.target)!r} exists; pass --overwrite to replace it")
+
+
+@contextlib.contextmanager
+def _folder(folder: Path | None) -> Iterator[None]:
+    """Leaves no empty folder behind that was not there before."""
+    if folder is None or folder.exists():
+        yield
+        return
+
+    def remove() -> None:
+        with contextlib.suppress(OSError):
+            folder.rmdir()
+
+    with unless_finished(remove):
+        yield
+    remove()

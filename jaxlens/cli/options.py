@@ -1,100 +1,149 @@
-"""What `jaxlens distort` and `jaxlens undistort` are told."""
+"""Options that several commands have, each written out once: how it is read, what the help says, what is refused."""
 
-# Optional[X], where the style is X | None: tyro checks the latter with typeguard, whose import would take a third of
-# the time in which the help is to appear.
+# Optional[X], here and in every command, where the style is X | None: tyro checks the latter with typeguard, whose
+# import would take a third of the time in which the help is to appear.
 # ruff: noqa: UP045
 
-from dataclasses import dataclass
+import math
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal, Optional
+from typing import Annotated, Any, Literal, Optional
 
-from tyro.conf import Positional, arg
+from tyro.conf import arg
+from tyro.constructors import PrimitiveConstructorSpec
 
-from jaxlens.cli.errors import UsageError
-from jaxlens.cli.values import Numbers, Paths, numbers, paths
+from jaxlens.cli.messages import UsageError
+
+
+class Numbers(tuple[float, ...]):
+    """Numbers in the order given.
+
+    A class of its own, for tyro checks a plain `tuple[float, ...]` with a library that takes longer to import than
+    the help may take to appear.
+    """
+
+
+class Paths(tuple[Path, ...]):
+    """Paths in the order given; a class for the same reason as `Numbers`."""
+
+
+class Names(tuple[str, ...]):
+    """Names in the order given; a class for the same reason as `Numbers`."""
+
+
+# Single precision ends at 3.4e38.
+_LARGEST = 3e38
+
+
+def numbers(
+    metavar: str, *, count: int | None = None, largest: float = _LARGEST, nan: bool = False
+) -> PrimitiveConstructorSpec[Any]:
+    """Returns how to read an option that takes numbers, with spaces or commas between.
+
+    Args:
+        metavar: Stands for them in the help.
+        count: How many there must be; None for one or more.
+        largest: The largest magnitude that makes sense; what is beyond is a slip of the pen.
+        nan: Whether NaN makes sense.
+    """
+    return PrimitiveConstructorSpec(
+        nargs="*" if count is None else count,
+        metavar=metavar,
+        instance_from_str=partial(_read_numbers, count=count, largest=largest, nan=nan),
+        is_instance=lambda value: isinstance(value, Numbers),
+        # For the help's defaults; an option that may be left out has None there, and its own words.
+        str_from_instance=lambda value: [f"{number:g}" for number in value or ()],
+    )
+
+
+def words(kind: type[Paths] | type[Names], metavar: str) -> PrimitiveConstructorSpec[Any]:
+    """Returns how to read one or more paths or names; whether there is anything there is for the command to see."""
+
+    def read(given: list[str]) -> Paths | Names:
+        if not given:
+            raise ValueError("it takes at least one, got none; files come before the options")
+        if "" in given:
+            raise ValueError("a path is empty; a variable in your script may be unset")
+        return Paths(map(Path, given)) if kind is Paths else Names(given)
+
+    return PrimitiveConstructorSpec(
+        nargs="*",
+        metavar=metavar,
+        instance_from_str=read,
+        is_instance=lambda value: isinstance(value, kind),
+        str_from_instance=lambda value: [str(one) for one in value],
+    )
+
+
+def _read_numbers(words: list[str], *, count: int | None, largest: float, nan: bool) -> Numbers:
+    if not words:
+        raise ValueError("it takes at least one number, got none")
+    found = Numbers(_read_number(part, largest, nan) for word in words for part in word.split(","))
+    if count is not None and len(found) != count:
+        raise ValueError(f"it takes {count} numbers, got {len(found)}")
+    return found
+
+
+def _read_number(word: str, largest: float, nan: bool) -> float:
+    try:
+        number = float(word)
+    except ValueError:
+        raise ValueError(
+            f"{word!r} is not a number; write it like -0.2 or 5e-2; files come before the options"
+        ) from None
+    if nan and math.isnan(number):
+        return number
+    if not math.isfinite(number):
+        raise ValueError(f"{word!r} is not finite; give a number like -0.2 or 5e-2")
+    if abs(number) > largest:
+        raise ValueError(f"{word!r} is beyond ±{largest:g}; give a number like -0.2 or 5e-2")
+    return number
+
 
 # Those of jaxlens.sampling, which imports JAX; a test holds them together.
 Method = Literal["nearest", "bilinear", "bicubic", "bicubic_opencv"]
 Border = Literal["constant", "edge", "reflect", "wrap"]
 
-
-@dataclass(frozen=True)
-class WarpArguments:
-    """A lens, and pictures to put through it."""
-
-    files: Annotated[Paths, Positional, paths("FILE..."), arg(help_behavior_hint="")]
-    """Pictures (PNG, JPEG, TIFF, WebP, BMP, PNM, GIF, AVIF), or folders of them, which are not searched deeper."""
-
-    output: Annotated[str, arg(metavar="PATH", aliases=["-o"])]
-    """For one picture its new file, whose suffix is its format, or a folder that exists or ends in a slash.
-    For several pictures, or a folder of them, a folder, which is made if need be."""
-
-    kappa: Annotated[
-        Optional[Numbers], numbers("K1 [K2 ...]", largest=1e6), arg(aliases=["-k"], help_behavior_hint="")
-    ] = None
-    """The lens Φ(r²) = 1 + κ1 r² + κ2 r⁴ + …, r in half-diagonals from its centre; κ < 0 is barrel, > 0 pincushion."""
-
-    lens: Annotated[Optional[Path], arg(metavar="FILE", help_behavior_hint="")] = None
-    """A calibration that jaxlens fit or jaxlens calibrate wrote, whose lens is taken in place of --kappa."""
-
-    method: Method = "bilinear"
-    """How to read between pixels; bicubic is Keys's kernel, bicubic_opencv that of OpenCV."""
-
-    border: Border = "constant"
-    """What lies outside the picture: the fill value, its last pixels repeated, its mirror image, or its other side."""
-
-    fill: Annotated[
-        Optional[Numbers],
-        numbers("VALUE [VALUE ...]", nan=True),
-        arg(help_behavior_hint="(default: black, or transparent)"),
-    ] = None
-    """The value of pixels without a source: one number for all channels, or one for each.
-    It is on the picture's own scale: 8 bits end at 255, 16 bits at 65535, and NaN is for floating pictures.
-    In a picture with alpha the fill is opaque, unless its alpha is given last."""
-
-    crop: Annotated[bool, arg(help_behavior_hint="")] = False
-    """Keep only the largest upright rectangle without border."""
-
-    antialias: Annotated[bool, arg(help_behavior_hint="")] = False
-    """Average where the lens shrinks the picture."""
-
-    center: Annotated[
-        Optional[Numbers],
-        numbers("X Y", count=2, largest=1e6),
-        arg(help_behavior_hint="(default: half of its width and height)"),
-    ] = None
-    """The lens's centre in pixels from the centre of the first one, to the right and down."""
-
-    quality: Annotated[Optional[int], arg(metavar="1-100", help_behavior_hint="(default: 95, WebP lossless)")] = None
-    """How good JPEG and WebP files are; the better, the larger."""
-
-    overwrite: Annotated[bool, arg(help_behavior_hint="")] = False
-    """Replace files that exist."""
-
-    max_pixels: Annotated[Optional[int], arg(metavar="COUNT", help_behavior_hint="(default: 200 million)")] = None
-    """Refuse pictures with more pixels, before they are decoded."""
-
-
-def check_options(options: WarpArguments) -> None:
-    """Refuses, without reading a file, what no picture could be warped with.
-
-    Raises:
-        UsageError: an option's value is out of bounds.
-    """
-    if not options.output:
-        raise UsageError("--output is empty; a variable in your script may be unset")
-    if options.kappa is not None and options.lens is not None:
-        raise UsageError(f"--kappa and --lens {str(options.lens)!r} are two lenses; leave one of them out")
-    if options.kappa is None and options.lens is None:
-        raise UsageError("a lens is needed: pass --kappa K1 [K2 ...], or --lens FILE.json")
-    if options.lens is not None:
-        if options.center is not None:
-            raise UsageError("--center goes with --kappa; a calibration has a centre of its own: leave it out")
-        check_file(options.lens)
-    check_quality(options.quality)
-    if options.fill is not None and len(options.fill) > 4:
-        raise UsageError(f"--fill takes one number, or one for each channel, got {len(options.fill)}")
-    check_max_pixels(options.max_pixels)
+ImageSize = Annotated[
+    Optional[str],
+    arg(metavar="WIDTHxHEIGHT", help_behavior_hint="", help="The points are pixels of pictures of this size."),
+]
+Kappa = Annotated[Optional[Numbers], numbers("K1 [K2 ...]", largest=1e6), arg(aliases=["-k"], help_behavior_hint="")]
+Lens = Annotated[
+    Optional[Path],
+    arg(
+        metavar="FILE.json",
+        help_behavior_hint="",
+        help="A calibration that jaxlens fit or jaxlens calibrate wrote, whose lens is taken in place of --kappa.",
+    ),
+]
+LensModel = Annotated[
+    Optional[str],
+    arg(
+        metavar="package.module:Class",
+        help_behavior_hint="",
+        help="The class of the lens in --lens where it is one of your own.\n"
+        "That module is looked for in the current folder, too, and is run.",
+    ),
+]
+FitCenter = Annotated[bool, arg(help_behavior_hint="", help="Fit the lens's centre of distortion, too.")]
+Quality = Annotated[
+    Optional[int],
+    arg(
+        metavar="1-100",
+        help_behavior_hint="(default: 95, WebP lossless)",
+        help="How good JPEG and WebP files are; the better, the larger.",
+    ),
+]
+Overwrite = Annotated[bool, arg(help_behavior_hint="", help="Replace files that exist.")]
+MaxPixels = Annotated[
+    Optional[int],
+    arg(
+        metavar="COUNT",
+        help_behavior_hint="(default: 200 million)",
+        help="Refuse pictures with more pixels, before they are decoded.",
+    ),
+]
 
 
 def check_quality(quality: int | None) -> None:
@@ -117,27 +166,14 @@ def check_max_pixels(max_pixels: int | None) -> None:
         raise UsageError(f"--max-pixels is at least 1, got {max_pixels}")
 
 
-def check_path(path: Path) -> None:
-    """Refuses a path where there is nothing.
+def parse_size(text: str, option: str) -> tuple[int, int]:
+    """Reads two counts as in `640x480`.
 
     Raises:
-        UsageError: there is no such file or folder, or it cannot be looked at.
+        UsageError: it is not that.
     """
-    try:
-        path.stat()
-    except FileNotFoundError:
-        raise UsageError(f"there is no file {str(path)!r}; check the name, and the folder you are in") from None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise UsageError(f"cannot look at {str(path)!r}: {reason}") from None
-
-
-def check_file(path: Path) -> None:
-    """Refuses a path where there is no file.
-
-    Raises:
-        UsageError: as `check_path`, or there is a folder.
-    """
-    check_path(path)
-    if path.is_dir():
-        raise UsageError(f"{str(path)!r} is a folder; name a file in it")
+    parts = text.lower().replace("×", "x").split("x")
+    if len(parts) == 2 and all(part.strip().isdecimal() and int(part) > 0 for part in parts):
+        return int(parts[0]), int(parts[1])
+    example = "9x6" if option == "--board" else "640x480"
+    raise UsageError(f"{option} is two counts with an x between, such as {example}; got {text!r}")

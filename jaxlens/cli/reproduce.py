@@ -2,15 +2,13 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from tyro.conf import Positional, arg
-from tyro.constructors import PrimitiveConstructorSpec
 
-from jaxlens.cli.errors import CommandError, UsageError, describe_unexpected, wants_traceback
-from jaxlens.cli.messages import say
-from jaxlens.cli.options import check_path
-from jaxlens.cli.values import Paths, paths
+from jaxlens.cli.inputs import check_path
+from jaxlens.cli.messages import CommandError, UsageError, describe_unexpected, say, wants_traceback
+from jaxlens.cli.options import Names, Paths, words
 
 HELP = """Run all experiments, and write one page of their figures, tables and parameters.
 
@@ -27,26 +25,6 @@ Examples:
   jaxlens reproduce my.toml other.toml --output my-results"""
 
 
-class Names(tuple[str, ...]):
-    """Names in the order given; a class for the same reason as `Numbers`."""
-
-
-def _names(metavar: str) -> PrimitiveConstructorSpec[Any]:
-    return PrimitiveConstructorSpec(
-        nargs="*",
-        metavar=metavar,
-        instance_from_str=_read_names,
-        is_instance=lambda value: isinstance(value, Names),
-        str_from_instance=list,
-    )
-
-
-def _read_names(words: list[str]) -> Names:
-    if not words:
-        raise ValueError("it takes at least one name, got none; files come before the options")
-    return Names(words)
-
-
 _FOLDER = Paths([Path("experiments")])
 _ALL = Names()
 
@@ -55,15 +33,15 @@ _ALL = Names()
 class Arguments:
     """Run all experiments, and write the page of their results."""
 
-    configs: Annotated[Paths, Positional, paths("CONFIG..."), arg(help_behavior_hint="(default: experiments)")] = (
-        _FOLDER
-    )
+    configs: Annotated[
+        Paths, Positional, words(Paths, "CONFIG..."), arg(help_behavior_hint="(default: experiments)")
+    ] = _FOLDER
     """Experiments, TOML files, or folders of them, which are not searched deeper."""
 
     output: Annotated[Path, arg(metavar="DIR", aliases=["-o"])] = Path("results")
     """The folder for the page, and for a folder of results for each experiment."""
 
-    only: Annotated[Names, _names("NAME [NAME ...]"), arg(help_behavior_hint="(default: all)")] = _ALL
+    only: Annotated[Names, words(Names, "NAME [NAME ...]"), arg(help_behavior_hint="(default: all)")] = _ALL
     """Run only these experiments, by the names in their files; the page still shows all."""
 
     force: Annotated[bool, arg(help_behavior_hint="")] = False

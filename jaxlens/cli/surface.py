@@ -9,11 +9,11 @@ from typing import Annotated, Literal, Optional
 
 from tyro.conf import Positional, arg
 
-from jaxlens.cli.errors import UsageError
-from jaxlens.cli.meshes import is_mesh
-from jaxlens.cli.messages import say
-from jaxlens.cli.options import check_file, check_max_pixels
-from jaxlens.cli.surfaces import View, check_view, load_surface
+from jaxlens.cli import options
+from jaxlens.cli.depth_maps import View, check_view, load_surface
+from jaxlens.cli.inputs import check_file, gray_values, is_mesh, read_picture
+from jaxlens.cli.messages import UsageError, say
+from jaxlens.cli.outputs import check_new_file, write_figure, write_picture
 
 # Those of jaxlens.figures.surfaces, which imports matplotlib; a test holds them together.
 Drawing = Literal["mesh", "filled", "isolines"]
@@ -60,21 +60,19 @@ class Arguments(View):
     depth: Annotated[Optional[Path], arg(metavar="FILE.tif", help_behavior_hint="")] = None
     """Of a mesh: write its depth map, too."""
 
-    overwrite: Annotated[bool, arg(help_behavior_hint="")] = False
-    """Replace files that exist."""
+    overwrite: options.Overwrite = False
 
-    max_pixels: Annotated[Optional[int], arg(metavar="COUNT", help_behavior_hint="(default: 200 million)")] = None
-    """Refuse pictures with more pixels, before they are decoded."""
+    max_pixels: options.MaxPixels = None
 
 
 def run(arguments: Arguments) -> int:
     """Runs the command; returns the exit code."""
     check_file(arguments.file)
-    check_max_pixels(arguments.max_pixels)
+    options.check_max_pixels(arguments.max_pixels)
     check_view(arguments)
-    for path, suffixes in ((arguments.output, (".png",)), (arguments.depth, (".tif", ".tiff"))):
-        if path is not None:
-            _check_output(path, suffixes, arguments.overwrite)
+    check_new_file(arguments.output, overwrite=arguments.overwrite, suffixes=(".png",))
+    if arguments.depth is not None:
+        check_new_file(arguments.depth, overwrite=arguments.overwrite, suffixes=(".tif", ".tiff"), option="--depth")
     if not 0 <= arguments.perspective < 0.7:
         raise UsageError(f"--perspective is from 0 to below 0.7, got {arguments.perspective:g}")
     for name, low, high, unit in (
@@ -95,21 +93,9 @@ def run(arguments: Arguments) -> int:
     return 0
 
 
-def _check_output(path: Path, suffixes: tuple[str, ...], overwrite: bool) -> None:
-    if path.suffix.lower() not in suffixes:
-        raise UsageError(f"{str(path)!r} must end in {' or '.join(suffixes)}")
-    if path.is_dir() or not path.parent.is_dir():
-        raise UsageError(f"{str(path)!r} must be a file in a folder that exists")
-    if path.exists() and not overwrite:
-        raise UsageError(f"{str(path)!r} exists; pass --overwrite to replace it")
-
-
 def _draw_landscape(arguments: Arguments) -> None:
     import numpy as np
 
-    from jaxlens.cli.figures import save_figure
-    from jaxlens.cli.pictures import read_picture
-    from jaxlens.cli.surfaces import gray_values
     from jaxlens.figures.surfaces import surface_figure
 
     gray, white = gray_values(read_picture(arguments.file, arguments.max_pixels))
@@ -126,22 +112,21 @@ def _draw_landscape(arguments: Arguments) -> None:
         azimuth=arguments.azimuth,
         elevation=arguments.elevation,
     )
-    save_figure(arguments.output, figure, overwrite=arguments.overwrite)
+    write_figure(arguments.output, figure, overwrite=arguments.overwrite)
 
 
 def _show_mesh(arguments: Arguments) -> None:
     import numpy as np
 
-    from jaxlens.cli.pictures import write_picture
     from jaxlens.images import Picture
     from jaxlens.surfaces import shade
 
     loaded = load_surface(arguments.file, arguments, arguments.max_pixels)
     surface, normals = loaded.depth_map, loaded.normals
     pixels = np.round(255 * np.clip(np.asarray(shade(surface, normals=normals)), 0, 1)).astype(np.uint8)
-    write_picture(arguments.output, Picture(pixels), overwrite=arguments.overwrite, quality=None)
+    write_picture(arguments.output, Picture(pixels), overwrite=arguments.overwrite)
     if arguments.depth is not None:
         spacing = float(surface.spacing[0])
         depth = np.where(np.asarray(surface.mask), np.asarray(surface.depth) / spacing, np.nan).astype(np.float32)
-        write_picture(arguments.depth, Picture(depth), overwrite=arguments.overwrite, quality=None)
+        write_picture(arguments.depth, Picture(depth), overwrite=arguments.overwrite)
         say(f"wrote {str(arguments.depth)!r}; a pixel is {spacing:.6g} of the mesh's units")

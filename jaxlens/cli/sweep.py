@@ -9,8 +9,8 @@ from typing import Annotated, Optional
 
 from tyro.conf import Positional, arg
 
-from jaxlens.cli.errors import CommandError, UsageError
-from jaxlens.cli.options import check_file
+from jaxlens.cli.inputs import check_file
+from jaxlens.cli.messages import CommandError, UsageError
 
 HELP = """Run an experiment: lenses over an image, with table, figures and manifest.
 

@@ -2,8 +2,7 @@
 
 from dataclasses import dataclass
 
-from jaxlens.cli.jobs import plan_jobs
-from jaxlens.cli.options import WarpArguments, check_options
+from jaxlens.cli.warping import WarpArguments, warp_pictures
 
 HELP = """Remove a lens from a picture.
 
@@ -17,7 +16,8 @@ What it does:
 Examples:
   jaxlens undistort photo.jpg --kappa -0.2 0.05 --output straight.jpg
   jaxlens undistort photos/ --kappa -0.2 0.05 --output straight/ --crop
-  jaxlens undistort a.tif --kappa 0.03 --center 1210.5 803 --output b.tif"""
+  jaxlens undistort a.tif --kappa 0.03 --center 1210.5 803 --output b.tif
+  jaxlens undistort a.jpg --lens lens.json --model own.lenses:Mine -o b.jpg"""
 
 
 @dataclass(frozen=True)
@@ -27,8 +27,4 @@ class Arguments(WarpArguments):
 
 def run(arguments: Arguments) -> int:
     """Runs the command; returns the exit code."""
-    check_options(arguments)
-    jobs = plan_jobs(arguments.files, arguments.output)
-    from jaxlens.cli.batch import warp_files
-
-    return warp_files(jobs, arguments, "undistort")
+    return warp_pictures(arguments, "undistort")

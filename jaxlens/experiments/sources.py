@@ -85,10 +85,11 @@ def _portrait() -> Path:
 
 
 def _read(path: Path) -> Real[np.ndarray, "height width *channels"]:
-    from jaxlens.images import ImageError, read_image
+    from jaxlens import images
+    from jaxlens.images import ImageError
 
     try:
-        picture = read_image(path)
+        picture = images.read(path)
     except ImageError as error:
         raise ExperimentError(str(error)) from None
     pixels = picture.pixels

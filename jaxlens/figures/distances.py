@@ -13,13 +13,13 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import BoundaryNorm, ListedColormap, Normalize
 from matplotlib.figure import Figure
 
+from jaxlens.figures.contours import contour_lines
 from jaxlens.figures.palette import MUTED, WIDTH
 from jaxlens.figures.pictures import place
 from jaxlens.figures.style import bare, new_figure, plain
 from jaxlens.surfaces import (
     DepthMap,
     geodesic_distance,
-    iso_distance_curves,
     nose_tip,
     radial_geodesic_distance,
     shade,
@@ -110,7 +110,7 @@ def distance_maps(found: Distances, step: float, unit: str, *, origin: str = "th
     for index, (values, (title, note)) in enumerate(zip(maps, _TITLES, strict=True)):
         axes = place(figure, _MARGIN + index * (side + _GAP), _MARGIN + _TITLE, side, high)
         draw_faded(axes, found, box)
-        curves = iso_distance_curves(values, levels)
+        curves = contour_lines(values, levels)
         lines = [curve for level in curves for curve in level]
         shades = [colors(norm(level)) for level, several in zip(levels, curves, strict=True) for _ in several]
         axes.add_collection(LineCollection(lines, colors=shades, linewidths=1.1))

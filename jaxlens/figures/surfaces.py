@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import Literal, get_args
 
-import contourpy
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
@@ -11,6 +10,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
+from jaxlens.figures.contours import contour_lines
 from jaxlens.figures.palette import MUTED, WIDTH
 from jaxlens.figures.style import bare, new_figure, style
 
@@ -195,12 +195,12 @@ def _lit(quads: np.ndarray) -> np.ndarray:
 
 def _isolines(x: np.ndarray, y: np.ndarray, heights: np.ndarray) -> np.ndarray:
     """Returns the pieces `(n, 2, 3)` of lines of equal height, two ends each."""
-    generator = contourpy.contour_generator(x, y, heights)
-    pieces = [np.empty((0, 2, 3))]
     low, high = heights.min(), heights.max()
-    for level in np.linspace(low, high, 20)[1:-1] if high > low else ():
-        for line in generator.lines(level):
-            ends = np.stack([line[:-1], line[1:]], axis=1)  # pyright: ignore[reportArgumentType, reportCallIssue]
+    levels = np.linspace(low, high, 20)[1:-1] if high > low else np.empty(0)
+    pieces = [np.empty((0, 2, 3))]
+    for level, lines in zip(levels, contour_lines(heights, levels, x=x, y=y), strict=True):
+        for line in lines:
+            ends = np.stack([line[:-1], line[1:]], axis=1)
             pieces.append(np.concatenate([ends, np.full((len(ends), 2, 1), level)], axis=2))
     return np.concatenate(pieces)
 

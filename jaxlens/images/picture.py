@@ -23,7 +23,7 @@ class PictureMetadata:
     XMP and IPTC blocks, comments, gamma chunks and embedded thumbnails of TIFF are not kept.
 
     Attributes:
-        exif: EXIF, as the TIFF structure without the `Exif\0\0` in front. `read_image` has applied its
+        exif: EXIF, as the TIFF structure without the `Exif\0\0` in front. `read` has applied its
             orientation to the pixels and set the tag to 1; the rest is the file's, byte for byte. (A
             TIFF spreads its EXIF over the file: of it, the descriptive tags, EXIF and GPS directories.)
         icc_profile: ICC colour profile of the pixels.
@@ -105,7 +105,7 @@ FORMATS = (
 READABLE_SUFFIXES = tuple(sorted(suffix for known in FORMATS for suffix in known.suffixes))
 """Suffixes that `list_images` looks for, in lower case."""
 WRITABLE_SUFFIXES = tuple(sorted(suffix for known in FORMATS if known.channels for suffix in known.suffixes))
-"""Suffixes that `write_image` accepts, in lower case."""
+"""Suffixes that `write` accepts, in lower case."""
 
 
 def check_size(width: int, height: int, max_pixels: int) -> None:

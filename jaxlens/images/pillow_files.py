@@ -1,7 +1,7 @@
 """All formats but TIFF: Pillow decodes, and imagecodecs the PNG that Pillow cannot hold.
 
-Pillow has no mode for 16-bit colour. imagecodecs wraps libpng, is kept by the author of tifffile, and is what
-tifffile wants for compressed TIFF anyway; pypng, the light alternative, takes 40 times as long (1 s a
+Pillow has no mode for 16-bit colour. imagecodecs (the extra `codecs`) wraps libpng, is kept by the author of tifffile,
+and is what tifffile wants for compressed TIFF anyway; pypng, the light alternative, takes 40 times as long (1 s a
 megapixel) and had its last release in 2022.
 """
 
@@ -16,6 +16,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from PIL import Image, ImageFile, features
 
+from jaxlens.images.codecs import codecs
 from jaxlens.images.exif import reset_orientation, strip_prefix
 from jaxlens.images.picture import PNG_COMPRESSION_LEVEL, ImageError, PictureMetadata, check_size
 
@@ -77,10 +78,13 @@ def encode_png16(pixels: np.ndarray, metadata: PictureMetadata) -> bytes:
 
     Returns:
         The file's bytes; the same input gives the same bytes.
-    """
-    import imagecodecs
 
-    encoded = bytes(imagecodecs.png_encode(pixels, level=PNG_COMPRESSION_LEVEL))
+    Raises:
+        ImageError: imagecodecs is not installed.
+    """
+    encoded = bytes(
+        codecs("writing 16-bit PNG with more than one channel").png_encode(pixels, level=PNG_COMPRESSION_LEVEL)
+    )
     chunks = b""
     if metadata.icc_profile:
         chunks += _png_chunk(b"iCCP", b"ICC profile\0\0" + zlib.compress(metadata.icc_profile))
@@ -169,10 +173,9 @@ def _png_is_deep_colour(file: BinaryIO) -> bool:
 
 def _decode_png(file: BinaryIO) -> np.ndarray:
     """For 16-bit colour, and for a transparent colour, which libpng turns into alpha at every depth."""
-    import imagecodecs
-
+    decoder = codecs("reading PNG with 16-bit colour or a transparent colour")
     file.seek(0)
-    return np.asarray(imagecodecs.png_decode(file.read()))
+    return np.asarray(decoder.png_decode(file.read()))
 
 
 def _refuse_deep_colour_pnm(file: BinaryIO) -> None:

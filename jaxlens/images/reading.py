@@ -31,7 +31,7 @@ _SIGNATURES: Sequence[tuple[str, re.Pattern[bytes]]] = (
 _HEIF = re.compile(rb".{4}ftyp(hei[cxms]|hev[cxms]|mif1|msf1)", re.DOTALL)
 
 
-def read_image(path: str | os.PathLike[str], *, max_pixels: int = DEFAULT_MAX_PIXELS) -> Picture:
+def read(path: str | os.PathLike[str], *, max_pixels: int = DEFAULT_MAX_PIXELS) -> Picture:
     """Read a picture with its metadata, upright.
 
     Formats: PNG, JPEG, TIFF, BMP, WebP, GIF, PBM/PGM/PPM and, where Pillow is built with it, AVIF, told by their
@@ -43,7 +43,8 @@ def read_image(path: str | os.PathLike[str], *, max_pixels: int = DEFAULT_MAX_PI
 
     Refused, because reading them would guess at colours or lose bits: CMYK, YCbCr and Lab, camera raw,
     premultiplied alpha, undeclared extra channels, 16-bit colour PPM, AVIF of 10 and 12 bits, TIFF compressions
-    other than LZW, Deflate, PackBits and Zstandard.
+    other than LZW, Deflate, PackBits and Zstandard. Those four, and PNG with 16-bit colour or a transparent colour,
+    need the extra `codecs`.
 
     Args:
         path: The file. Symbolic links are followed.
@@ -59,9 +60,9 @@ def read_image(path: str | os.PathLike[str], *, max_pixels: int = DEFAULT_MAX_PI
 
     Example:
         >>> import numpy as np
-        >>> from jaxlens.images import read_image, write_image
-        >>> write_image("portrait.png", np.zeros((480, 640, 3), np.uint8))
-        >>> picture = read_image("portrait.png")
+        >>> from jaxlens import images
+        >>> images.write("portrait.png", np.zeros((480, 640, 3), np.uint8))
+        >>> picture = images.read("portrait.png")
         >>> picture.pixels.shape, picture.pixels.dtype, picture.has_alpha
         ((480, 640, 3), dtype('uint8'), False)
     """
@@ -147,8 +148,6 @@ def _decode(file: BinaryIO, path: Path, max_pixels: int) -> Picture:
 def _reason(error: Exception) -> str:
     if isinstance(error, Warning):  # raised where the user made warnings errors
         return str(error)
-    if isinstance(error, ImportError):
-        return f"{error}; install that package"
     if isinstance(error, PermissionError):
         return "you may not read it; change its permissions"
     if isinstance(error, OSError) and error.errno is not None:

@@ -4,23 +4,15 @@ import io
 import math
 import struct
 import warnings
-from importlib import import_module
-from typing import TYPE_CHECKING, Any, BinaryIO, Literal, cast
+from typing import TYPE_CHECKING, Any, BinaryIO, cast
 
 import numpy as np
 
-from jaxlens.images.directories import (
-    EXIF_DIRECTORY,
-    GPS_DIRECTORY,
-    Entry,
-    build_exif,
-    lay_out,
-    parse_exif,
-    read_directory,
-)
+from jaxlens.images.codecs import codecs, has_codecs
 from jaxlens.images.exif import reset_orientation, strip_prefix
 from jaxlens.images.picture import ImageError, PictureMetadata, check_size
 from jaxlens.images.pillow_files import checked_dpi
+from jaxlens.images.tiff_exif import NESTED, ORIENTATION, Directory, read_exif
 
 if TYPE_CHECKING:
     from tifffile import TiffFile, TiffPage
@@ -32,13 +24,10 @@ _NO_COMPRESSION = 1
 _MINISWHITE, _MINISBLACK, _RGB, _PALETTE = 0, 1, 2, 3
 _STRAIGHT_ALPHA = 2
 _DNG_VERSION = 50706
-_ORIENTATION = 274
+# Of the main directory in a file that tifffile writes: it stands for directories that are still to be appended.
+_FIRST_OFFSET = 8
 # Tags that change what the pixels are; tifffile goes on without those it cannot read.
 _PIXEL_TAGS = frozenset([256, 257, 258, 259, 262, 266, 273, 277, 278, 279, 284, 317, 320, 322, 323, 324, 325, 338, 339])
-# Tags of EXIF in a TIFF: Make, Model, Orientation, Software, DateTime, Artist, HostComputer, Copyright.
-# ImageDescription is left out: in TIFF it is where programs put descriptions of the array, which a warp would
-# make false.
-_KEPT_TAGS = (271, 272, _ORIENTATION, 305, 306, 315, 316, 33432, EXIF_DIRECTORY, GPS_DIRECTORY)
 
 
 def read_tiff(file: BinaryIO, max_pixels: int) -> tuple[np.ndarray, PictureMetadata, int]:
@@ -66,13 +55,13 @@ def read_tiff(file: BinaryIO, max_pixels: int) -> tuple[np.ndarray, PictureMetad
         _check_complete(page, tiff.filehandle.size)
         if page.compression != _NO_COMPRESSION:
             # Its decoders stop at the declared size; what tifffile puts in their place, where it can, does not.
-            import_module("imagecodecs")
+            codecs(f"reading TIFF compressed by {_COMPRESSIONS[page.compression]}")
         if _has_second_picture(tiff):
             warnings.warn("the file holds several pictures; only the first is read", stacklevel=4)
         pixels = _pixels(page)
-        orientation = page.tags.valueof(_ORIENTATION, 1)
+        orientation = page.tags.valueof(ORIENTATION, 1)
         metadata = PictureMetadata(
-            exif=None if tiff.is_bigtiff else _read_exif(file, tiff.byteorder, page.offset),
+            exif=None if tiff.is_bigtiff else _exif_block(file),
             icc_profile=page.iccprofile or None,
             dpi=_read_dpi(page),
             format="TIFF",
@@ -81,7 +70,7 @@ def read_tiff(file: BinaryIO, max_pixels: int) -> tuple[np.ndarray, PictureMetad
 
 
 def write_tiff(file: BinaryIO, pixels: np.ndarray, metadata: PictureMetadata) -> None:
-    """Encode a TIFF, Deflate-compressed, with straight alpha.
+    """Encode a TIFF, Deflate-compressed where imagecodecs is installed, with straight alpha.
 
     Args:
         file: Open for writing and reading, empty.
@@ -91,28 +80,30 @@ def write_tiff(file: BinaryIO, pixels: np.ndarray, metadata: PictureMetadata) ->
     import tifffile
 
     channels = 1 if pixels.ndim == 2 else pixels.shape[-1]
-    order, entries = _exif_entries(metadata.exif)
     # Offsets in a plain TIFF have 32 bits; some room is left for what is not pixels. BigTIFF gets no EXIF.
     large = pixels.nbytes > 2**32 - 2**25
+    exif = None if large or not metadata.exif else read_exif(io.BytesIO(strip_prefix(metadata.exif)))
     options: dict[str, Any] = {
         "photometric": "rgb" if channels >= 3 else "minisblack",
         "planarconfig": "contig" if channels > 1 else None,
         "extrasamples": ["unassalpha"] if channels in (2, 4) else None,
-        "compression": "zlib",
+        # What can be written here can be read here.
+        "compression": "zlib" if has_codecs() else None,
         # Differences of neighbours compress integers well; for floats it is an extension few readers know.
-        "predictor": pixels.dtype.kind in "ui",
+        "predictor": has_codecs() and pixels.dtype.kind in "ui",
         "iccprofile": metadata.icc_profile,
         # No date, no name of the writer, no description: equal pictures make equal files.
         "metadata": None,
         "software": False,
+        "extratags": [] if exif is None else _tags(exif),
     }
     if metadata.dpi:
         options |= {"resolution": metadata.dpi, "resolutionunit": "inch"}
-    # The EXIF's byte order is taken over, for its values are copied as they are. imageio cannot hand it on.
-    with tifffile.TiffWriter(file, byteorder=order, bigtiff=large) as writer:
+    # The EXIF's byte order is taken over: its directories are written in it. imageio cannot hand it on.
+    with tifffile.TiffWriter(file, byteorder="<" if exif is None else exif.order, bigtiff=large) as writer:
         writer.write(pixels, **options)
-    if entries and not large:
-        _add_entries(file, order, entries)
+    if exif is not None and exif.inner:
+        _add_directories(file, exif)
 
 
 def _check_tags(tiff: "TiffFile", page: "TiffPage") -> None:
@@ -203,37 +194,31 @@ def _read_dpi(page: "TiffPage") -> tuple[float, float] | None:
         return None
 
 
-def _read_exif(file: BinaryIO, order: str, offset: int) -> bytes | None:
-    """Gather the descriptive tags and the EXIF and GPS directories into an EXIF block of their own."""
-    try:
-        entries = read_directory(file, order, offset)
-    except ValueError as error:
-        # Pixels are what is asked for: a bad note beside them is no reason to refuse them.
-        warnings.warn(f"the EXIF is damaged and left out ({error})", stacklevel=5)
-        return None
-    kept = [entry for entry in entries if entry.tag in _KEPT_TAGS]
-    return reset_orientation(build_exif(kept, order))[1] if kept else None
+def _exif_block(file: BinaryIO) -> bytes | None:
+    exif = read_exif(file)
+    return None if exif is None else reset_orientation(exif.block())[1]
 
 
-def _exif_entries(block: bytes | None) -> tuple[Literal["<", ">"], list[Entry]]:
-    """Entries of an EXIF block that a TIFF takes over, with their byte order; a damaged block has none."""
-    if not block:
-        return "<", []
-    try:
-        order, entries = parse_exif(strip_prefix(block))
-    except ValueError as error:
-        warnings.warn(f"the EXIF is damaged and left out ({error})", stacklevel=5)
-        return "<", []
-    return order, [entry for entry in entries if entry.tag in _KEPT_TAGS]
+def _tags(exif: Directory) -> list[tuple[int | str, int, int, Any, bool]]:
+    """The entries of the main directory as tifffile takes them; those that lead to others are still to be set."""
+    entries = exif.entries
+    return [
+        (NESTED[tag], 4, 1, _FIRST_OFFSET, True) if tag in exif.inner else (tag, entries.tagtype[tag], 1, value, True)
+        for tag, value in entries.items()
+        if isinstance(value, bytes | int)
+    ]
 
 
-def _add_entries(file: BinaryIO, order: str, entries: list[Entry]) -> None:
-    """Give a written TIFF more entries, by a new main directory at its end; tifffile would not write them."""
-    file.seek(4)
-    (first,) = struct.unpack(order + "I", file.read(4))
-    present = read_directory(file, order, first)
-    end = file.seek(0, io.SEEK_END)
-    end += file.write(b"\0" * (end % 2))  # directories begin at even offsets
-    file.write(lay_out([*present, *entries], order, end))
-    file.seek(4)
-    file.write(struct.pack(order + "I", end))
+def _add_directories(file: BinaryIO, exif: Directory) -> None:
+    """Appends the EXIF and GPS directories to a written TIFF, which tifffile would not write, and points at them."""
+    import tifffile
+
+    file.seek(0)
+    with tifffile.TiffFile(file) as tiff:
+        tags = tiff.pages.first.tags
+        for tag, directory in exif.inner.items():
+            end = file.seek(0, io.SEEK_END)
+            end += file.write(b"\0" * (end % 2))  # directories begin at even offsets
+            data, place = directory.lay_out(end)
+            file.write(data)
+            tags[tag].overwrite(place)

@@ -24,7 +24,7 @@ _JPEG_FULL_COLOUR_QUALITY = 90
 _ICC_CHANNELS = {b"GRAY": (1, 2), b"RGB ": (3, 4)}
 
 
-def write_image(
+def write(
     path: str | os.PathLike[str],
     picture: Picture | npt.ArrayLike,
     *,
@@ -49,6 +49,7 @@ def write_image(
     others nothing; a BigTIFF (pixels beyond 4 GB) carries no EXIF. An orientation in the EXIF is written as it is.
     A profile for another number of colours than the pixels have is left out. PNG, TIFF and,
     without `quality`, WebP are lossless. Equal pictures make equal files, with equal versions of the encoders.
+    16-bit PNG with more than one channel needs the extra `codecs`; without it TIFF is not compressed.
 
     The file is written beside its place and renamed when complete (`jaxlens.files.atomic_write`).
 
@@ -66,9 +67,9 @@ def write_image(
 
     Example:
         >>> import numpy as np
-        >>> from jaxlens.images import read_image, write_image
-        >>> write_image("gray.png", np.full((480, 640), 40000, np.uint16))
-        >>> int(read_image("gray.png").pixels.max())
+        >>> from jaxlens import images
+        >>> images.write("gray.png", np.full((480, 640), 40000, np.uint16))
+        >>> int(images.read("gray.png").pixels.max())
         40000
     """
     path = Path(path)

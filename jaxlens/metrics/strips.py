@@ -1,6 +1,7 @@
 """Every metric of a pair of large images, from strips of rows."""
 
 from collections import OrderedDict
+from collections.abc import Callable
 from functools import partial
 
 import jax
@@ -17,7 +18,12 @@ _SAMPLES = 2**20
 
 
 def evaluate_in_strips(
-    reference: Image, image: Image, *, data_range: RealScalar, rows: int | None = None
+    reference: Image,
+    image: Image,
+    *,
+    data_range: RealScalar,
+    rows: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, Float[Array, ""]]:
     """Every metric of the table `METRICS` at once, as `evaluate`, in memory that does not grow with the images.
 
@@ -31,6 +37,7 @@ def evaluate_in_strips(
         image: the same shape.
         data_range: L of `psnr` and `ssim`.
         rows: how many a strip has, without the windows' overlap; by default a million samples' worth.
+        progress: called with the number of rows done, and that of all, after each strip.
 
     Returns:
         As `evaluate`. Not for use under `jax.jit`, and not differentiable.
@@ -62,6 +69,9 @@ def evaluate_in_strips(
         x, y, _ = check_images(reference[rest], image[rest], None)
         samples = (last - first) * (np.size(reference) // height)
         parts.append(_measure(x, y, data_range, samples, own=last - first, metrics=metrics))
+        if progress is not None:
+            jax.block_until_ready(parts[-1])  # what is only asked for is not done
+            progress(last, height)
     strips, windows = jax.tree.map(lambda *values: jnp.stack(values), *parts)
     scores = _combined(strips, windows, metrics=metrics)
     return OrderedDict(

@@ -12,10 +12,7 @@ from jaxlens.surfaces._from_mesh import from_mesh as from_mesh
 from jaxlens.surfaces._geodesic import geodesic_distance as geodesic_distance
 from jaxlens.surfaces._geodesic_path import GeodesicPath as GeodesicPath
 from jaxlens.surfaces._geodesic_path import geodesic_path as geodesic_path
-from jaxlens.surfaces._iso_distance import iso_distance_curves as iso_distance_curves
 from jaxlens.surfaces._mesh import Mesh as Mesh
-from jaxlens.surfaces._mesh_files import read_mesh as read_mesh
-from jaxlens.surfaces._mesh_files import save_mesh as save_mesh
 from jaxlens.surfaces._mesh_normals import normals_from_mesh as normals_from_mesh
 from jaxlens.surfaces._nose_tip import nose_tip as nose_tip
 from jaxlens.surfaces._radial import radial_geodesic_distance as radial_geodesic_distance

@@ -1,6 +1,5 @@
 """Depth maps of meshes, as an orthographic or a perspective camera sees them."""
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -10,14 +9,13 @@ from jaxtyping import ArrayLike
 
 from jaxlens.surfaces._depth_map import DepthMap
 from jaxlens.surfaces._mesh import Mesh, check_mesh
-from jaxlens.surfaces._mesh_files import read_arrays
 from jaxlens.surfaces._rasterize import rasterize_faces
 
 Projection = Literal["orthographic", "perspective"]
 
 
 def from_mesh(
-    mesh: Mesh | str | os.PathLike[str],
+    mesh: Mesh,
     height: int,
     width: int,
     *,
@@ -38,7 +36,7 @@ def from_mesh(
     distance D = s · (H/2) / tan(field_of_view/2) in front of the centre.
 
     Args:
-        mesh: A `Mesh`, or a file that `read_mesh` reads.
+        mesh: The mesh; `jaxlens.meshes.read` reads one from a file.
         height: Of the picture, in pixels.
         width: Of the picture, in pixels.
         projection: `orthographic`, or `perspective`.
@@ -53,9 +51,8 @@ def from_mesh(
         rays that diverge, while its x and y do not: they are right at the centre's z only.
 
     Raises:
-        ValueError: as `read_mesh` for files; no faces; arguments out of range; a mesh without extent; a perspective
-            camera that does not stand in front of the whole mesh.
-        ImportError: the mesh is a file, and trimesh is not installed.
+        ValueError: no faces; arguments out of range; a mesh without extent; a perspective camera that does not stand in
+            front of the whole mesh.
 
     Example:
         >>> from jaxlens.surfaces import Mesh, from_mesh
@@ -93,7 +90,7 @@ class Seen:
 
 
 def look_at(
-    mesh: Mesh | str | os.PathLike[str],
+    mesh: Mesh,
     height: int,
     width: int,
     projection: Projection,
@@ -111,11 +108,8 @@ def look_at(
         raise ValueError(f"margin must be a share of the picture, 0 ≤ margin < 0.5, got {margin}")
     if not 0 < field_of_view < 180:
         raise ValueError(f"field_of_view must lie between 0 and 180 degrees, got {field_of_view}")
-    if isinstance(mesh, Mesh):
-        vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
-        check_mesh(vertices, faces)
-    else:
-        vertices, faces, _ = read_arrays(mesh)
+    vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
+    check_mesh(vertices, faces)
     if not len(faces):
         raise ValueError("the mesh has no faces; a surface needs triangles")
     used = np.zeros(len(vertices), bool)

@@ -1,6 +1,5 @@
 """The normals of a mesh as it is seen, for smooth shading: between the vertices they turn, as the surface would."""
 
-import os
 from collections.abc import Sequence
 
 import jax.numpy as jnp
@@ -18,7 +17,7 @@ _MANY = 256
 
 
 def normals_from_mesh(
-    mesh: Mesh | str | os.PathLike[str],
+    mesh: Mesh,
     height: int,
     width: int,
     *,
@@ -50,7 +49,6 @@ def normals_from_mesh(
 
     Raises:
         ValueError: as `from_mesh`.
-        ImportError: the mesh is a file, and trimesh is not installed.
 
     Example:
         >>> from jaxlens.surfaces import Mesh, normals_from_mesh

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from cli_helpers import smooth
+from pictures import smooth
 
+from jaxlens import images
 from jaxlens.cli import main
-from jaxlens.images import write_image
 
 ROOT = Path(__file__).parents[2]
 
@@ -52,5 +52,5 @@ def picture(tmp_path):
     """An 8-bit RGB picture, alone in a folder."""
     path = tmp_path / "in" / "picture.png"
     path.parent.mkdir()
-    write_image(path, smooth())
+    images.write(path, smooth())
     return path

@@ -1,21 +1,22 @@
+import contextlib
 import json
 import re
 
 import jax
 import numpy as np
 import pytest
-from cli_helpers import smooth
+from pictures import smooth
 
 import jaxlens as jl
-from jaxlens.images import write_image
+from jaxlens import images
 
 
 @pytest.fixture
 def pair(tmp_path):
     reference, image = smooth(), smooth()
     image[::2] += 3
-    write_image(tmp_path / "reference.png", reference)
-    write_image(tmp_path / "image.png", image)
+    images.write(tmp_path / "reference.png", reference)
+    images.write(tmp_path / "image.png", image)
     with jax.enable_x64(True):
         scores = jl.metrics.evaluate(reference, image, data_range=255.0)
         return tmp_path / "reference.png", tmp_path / "image.png", {name: float(x) for name, x in scores.items()}
@@ -55,7 +56,7 @@ def test_json_of_numbers_that_json_does_not_have(run, pair, tmp_path):
     assert record["metrics"]["psnr"] == "Infinity"
     assert float(record["metrics"]["psnr"]) == np.inf
     assert record["metrics"]["rmse"] == 0
-    write_image(tmp_path / "tiny.png", smooth(height=4, width=4))
+    images.write(tmp_path / "tiny.png", smooth(height=4, width=4))
     result = run("compare", tmp_path / "tiny.png", tmp_path / "tiny.png", "--json")
     assert json.loads(result.out, parse_constant=refuse_constant)["metrics"]["ssim"] == "NaN"
 
@@ -79,16 +80,25 @@ def test_the_process_itself(run_process, pair):
 )
 def test_pictures_that_are_not_alike(run, pair, tmp_path, pixels, suffix, message):
     other = tmp_path / f"other{suffix}"
-    write_image(other, pixels)
+    images.write(other, pixels)
     result = run("compare", pair[0], other, "--json")
     assert result.code == 2
     assert re.search(message, result.err)
     assert result.out == ""
 
 
+def test_a_bar_on_a_terminal(run, pair, monkeypatch):
+    done = []
+    bar = contextlib.nullcontext(lambda *steps: done.append(steps))
+    monkeypatch.setattr("jaxlens.cli.compare.progress_of", lambda description: bar)
+    monkeypatch.setattr("jaxlens.metrics.strips._SAMPLES", 32 * 3 * 10)
+    assert run("compare", *pair[:2]).code == 0
+    assert done == [(10, 24), (20, 24), (24, 24)]
+
+
 def test_data_range(run, tmp_path):
     for name, offset in (("a.tif", 0.0), ("b.tif", 0.25)):
-        write_image(tmp_path / name, smooth(np.float32, 1) + np.float32(offset))
+        images.write(tmp_path / name, smooth(np.float32, 1) + np.float32(offset))
     a, b = tmp_path / "a.tif", tmp_path / "b.tif"
     result = run("compare", a, b)
     assert result.code == 2
@@ -100,7 +110,7 @@ def test_data_range(run, tmp_path):
 
 
 def test_sixteen_bits(run, tmp_path):
-    write_image(tmp_path / "a.png", smooth(np.uint16, 1))
+    images.write(tmp_path / "a.png", smooth(np.uint16, 1))
     record = json.loads(run("compare", tmp_path / "a.png", tmp_path / "a.png", "--json").out)
     assert record["data_range"] == 65535
 

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from cli_helpers import smooth
+from pictures import smooth
 
 import jaxlens as jl
+from jaxlens import images
 from jaxlens.deformations import FreeForm, FreeForm3D
-from jaxlens.images import Picture, read_image, write_image
+from jaxlens.images import Picture
 
 SQUARE = ("1", "1", "9", "1", "9", "9", "1", "9")
 PYRAMID = """v 0 0 0
@@ -42,14 +43,14 @@ def test_a_lattice_drags_a_picture(run, picture, tmp_path):
     still = FreeForm.identity(2, 2)
     dragged = FreeForm(still.control_points.at[1, 1].set(np.array([0.6, 0.5])))
     expected = jl.warp(smooth(), dragged.inverse(), frame=jl.Frame([-0.5, -0.5], [32, 24]))
-    assert np.abs(read_image(output).pixels.astype(int) - np.asarray(expected, int)).max() <= 1
+    assert np.abs(images.read(output).pixels.astype(int) - np.asarray(expected, int)).max() <= 1
     assert "have no preimage" not in result.err
 
 
 def test_nothing_listed_is_nothing_done(run, picture, tmp_path):
     output = tmp_path / "out.png"
     assert run("deform", picture, "--control", _csv(tmp_path, "column,row,x,y\n0,0,0,0\n"), "-o", output).code == 0
-    assert (read_image(output).pixels == smooth()).all()
+    assert (images.read(output).pixels == smooth()).all()
 
 
 def test_a_fold_is_told(run, picture, tmp_path):
@@ -66,18 +67,18 @@ def test_corners_make_a_slanted_rectangle_upright(run, tmp_path):
     corners = np.array([[10.0, 8], [70, 4], [66, 52], [6, 46]])
     slanting = jl.deformations.rectification(corners, 40, 60)
     slanted = jl.warp(straight, slanting, frame=jl.Frame((0, 0), 1), shape=(60, 80))
-    write_image(tmp_path / "slanted.png", Picture(np.asarray(slanted)))
+    images.write(tmp_path / "slanted.png", Picture(np.asarray(slanted)))
     output = tmp_path / "upright.png"
     words = [str(value) for value in corners.ravel()]
     result = run("deform", tmp_path / "slanted.png", "--corners", *words, "--size", "60x40", "--output", output)
     assert result.code == 0
-    upright = read_image(output).pixels
+    upright = images.read(output).pixels
     assert upright.shape == straight.shape
     inner = np.s_[2:-2, 2:-2]
     assert np.abs(upright[inner].astype(float) - straight[inner]).max() <= 2
     # Without a size, sides as long as in the picture.
     assert run("deform", tmp_path / "slanted.png", "--corners", *words, "-o", tmp_path / "b.png").code == 0
-    assert read_image(tmp_path / "b.png").pixels.shape[:2] == (48, 60)
+    assert images.read(tmp_path / "b.png").pixels.shape[:2] == (48, 60)
 
 
 def test_a_lattice_drags_a_mesh(run, mesh, tmp_path):
@@ -87,9 +88,9 @@ def test_a_lattice_drags_a_mesh(run, mesh, tmp_path):
     assert result.code == 0
     still = FreeForm3D.identity(2, 2, 1)
     dragged = FreeForm3D(still.control_points.at[1, 1, 1].set(np.array([0.5, 0.5, 1.5])))
-    moved = jl.surfaces.read_mesh(output)
+    moved = jl.meshes.read(output)
     box = np.array([2.0, 2.0, 1.0])
-    before = np.asarray(jl.surfaces.read_mesh(mesh).vertices)
+    before = np.asarray(jl.meshes.read(mesh).vertices)
     np.testing.assert_allclose(moved.vertices, np.asarray(dragged(before / box)) * box, atol=1e-5)
     assert "5 vertices, 4 triangles" in result.err
 
@@ -97,7 +98,7 @@ def test_a_lattice_drags_a_mesh(run, mesh, tmp_path):
 def test_a_lens_bends_a_mesh(run, mesh, tmp_path):
     output = tmp_path / "out.ply"
     assert run("deform", mesh, "--kappa", "0.2", "--output", output).code == 0
-    moved = np.asarray(jl.surfaces.read_mesh(output).vertices)
+    moved = np.asarray(jl.meshes.read(output).vertices)
     # A corner lies one half diagonal from the middle.
     np.testing.assert_allclose(moved[0], [-0.2, -0.2, 0], atol=1e-6)
     np.testing.assert_allclose(moved[4], [1, 1, 1], atol=1e-6)

@@ -6,13 +6,14 @@ from typing import get_args
 import jax
 import numpy as np
 import pytest
-from cli_helpers import files_in
+from pictures import files_in
 
 import jaxlens as jl
+from jaxlens import images
 from jaxlens.calibrations import read_calibration
-from jaxlens.cli import fits
+from jaxlens.cli import estimation
 from jaxlens.fitting import _robust
-from jaxlens.images import Picture, write_image
+from jaxlens.images import Picture
 
 SIZE = (160, 120)
 
@@ -63,17 +64,15 @@ def test_the_lens_is_for_distort_and_undistort(run, points, tmp_path, x64):
     output, picture = tmp_path / "lens.json", tmp_path / "picture.png"
     assert run("fit", "points", points, "--image-size", "160x120", "--output", output).code == 0
     pixels = np.random.default_rng(3).integers(0, 256, (120, 160)).astype(np.uint8)
-    write_image(picture, Picture(pixels))
+    images.write(picture, Picture(pixels))
     assert run("undistort", picture, "--lens", output, "--output", tmp_path / "a.png").code == 0
     calibration = read_calibration(output)
     with jax.enable_x64(False):
         expected = jl.undistort_image(pixels, calibration.lens(), frame=calibration.frame(120, 160))
-    from jaxlens.images import read_image
-
-    written = read_image(tmp_path / "a.png").pixels
+    written = images.read(tmp_path / "a.png").pixels
     assert np.abs(written.astype(int) - np.asarray(expected).astype(int)).max() <= 1
     wrong = tmp_path / "wrong.png"
-    write_image(wrong, Picture(np.zeros((50, 160), np.uint8)))
+    images.write(wrong, Picture(np.zeros((50, 160), np.uint8)))
     result = run("undistort", wrong, "--lens", output, "--output", tmp_path / "b.png")
     assert (result.code, "another shape" in result.err) == (1, True)
     both = run("undistort", picture, "--lens", output, "--kappa", "0.1", "--output", tmp_path / "b.png")
@@ -105,16 +104,16 @@ def test_images(run, tmp_path):
     source = np.asarray(255 * jax.image.resize(noise, (48, 64), "linear")).clip(0, 255).astype(np.uint8)
     distorted = np.asarray(jl.distort_image(source, jl.Division(0.3)))
     for name, pixels in (("a.png", source), ("b.png", distorted)):
-        write_image(tmp_path / name, Picture(pixels))
+        images.write(tmp_path / name, Picture(pixels))
     output, plots = tmp_path / "lens.json", tmp_path / "plots"
     words = ("--model", "division", "--output", output, "--plots", plots)
     result = run("fit", "images", tmp_path / "a.png", tmp_path / "b.png", *words)
     assert result.code == 0
     assert dict(read_calibration(output).parameters)["k"] == pytest.approx(0.3, abs=2e-3)
     assert files_in(plots) == ["curve.png", "pictures.png"]
-    write_image(tmp_path / "c.png", Picture(distorted[:40]))
+    images.write(tmp_path / "c.png", Picture(distorted[:40]))
     result = run("fit", "images", tmp_path / "a.png", tmp_path / "c.png")
-    assert (result.code, "resize one of them" in result.err) == (1, True)
+    assert (result.code, "resize one of them" in result.err) == (2, True)
 
 
 def _views(count, *, tilted=True):
@@ -144,7 +143,7 @@ def test_a_fit_starts_where_it_is_told(run, points, tmp_path, x64, start, monkey
     started = []
     for name in ("fit_points", "fit_lines", "fit_images"):
         monkeypatch.setattr(jl.fitting, name, lambda lens, *_, **options: started.append((lens, options)) or 1 / 0)
-    write_image(tmp_path / "a.png", Picture(np.zeros((50, 60), np.uint8)))
+    images.write(tmp_path / "a.png", Picture(np.zeros((50, 60), np.uint8)))
     lines = _table(tmp_path / "lines.csv", "line,x,y", [np.zeros(5), np.arange(5.0), np.arange(5.0)])
     for words in (("points", points), ("lines", lines), ("images", tmp_path / "a.png", tmp_path / "a.png")):
         size = () if words[0] == "images" else ("--image-size", "160x120")
@@ -197,8 +196,8 @@ def test_calibrate_from_pictures(run, tmp_path):
     for index, vector in enumerate([(0.5, 0.1, 0.0), (-0.1, 0.5, 0.1), (-0.4, -0.4, 0.0), (0.4, -0.4, -0.1)]):
         rotation = cv2.Rodrigues(np.array(vector))[0]
         matrix = camera @ np.column_stack([rotation[:, :2], [0, 0, 13]]) @ to_board
-        write_image(tmp_path / f"{index}.png", Picture(cv2.warpPerspective(flat, matrix, (640, 480), borderValue=235)))
-    write_image(tmp_path / "none.png", Picture(white))
+        images.write(tmp_path / f"{index}.png", Picture(cv2.warpPerspective(flat, matrix, (640, 480), borderValue=235)))
+    images.write(tmp_path / "none.png", Picture(white))
     pictures = sorted(tmp_path.glob("*.png"))
     words = ("--model", "radial", "--terms", "1", "--square", "25")
     result = run("calibrate", *pictures, "--board", "6x5", *words)
@@ -221,18 +220,18 @@ def test_calibrate_from_pictures(run, tmp_path):
     assert (result.code, "there is no file" in result.err) == (2, True)
     result = run("calibrate", tmp_path / "none.png", "--board", "6x5")
     assert (result.code, "none of the 1 pictures shows a board" in result.err) == (1, True)
-    write_image(tmp_path / "small.png", Picture(white[:100]))
+    images.write(tmp_path / "small.png", Picture(white[:100]))
     result = run("calibrate", tmp_path / "0.png", tmp_path / "small.png", "--board", "6x5")
     assert (result.code, "pictures of one size" in result.err) == (1, True)
 
 
 def test_losses_are_those_of_the_library():
     """The command line names them again, for the library's own names import JAX."""
-    assert get_args(fits.Loss) == get_args(_robust.Loss)
+    assert get_args(estimation.Loss) == get_args(_robust.Loss)
 
 
 def test_without_opencv(run, tmp_path, monkeypatch):
-    write_image(tmp_path / "a.png", Picture(np.zeros((50, 50), np.uint8)))
+    images.write(tmp_path / "a.png", Picture(np.zeros((50, 50), np.uint8)))
     monkeypatch.setitem(sys.modules, "cv2", None)
     result = run("calibrate", tmp_path / "a.png", "--board", "6x5")
     assert (result.code, "pip install 'jaxlens[calibrate]'" in result.err) == (2, True)

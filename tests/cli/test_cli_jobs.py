@@ -3,8 +3,8 @@ from pathlib import Path
 
 import pytest
 
-from jaxlens.cli.errors import UsageError
 from jaxlens.cli.jobs import plan_jobs
+from jaxlens.cli.messages import UsageError
 
 
 @pytest.fixture

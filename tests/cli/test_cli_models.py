@@ -3,17 +3,20 @@
 import json
 import sys
 
+import jax
 import numpy as np
 import pytest
 
 import jaxlens as jl
+from jaxlens import images
 from jaxlens.calibrations import read_calibration
-from jaxlens.cli import calibrate, fits
-from jaxlens.lenses import find_lens
+from jaxlens.cli import calibrate, estimation
+from jaxlens.lenses import _registry, find_lens
 
 MODULE = '''
 import jax.numpy as jnp
 import jaxlens as jl
+from jaxlens import images
 from jaxlens.numerics import as_floating
 
 
@@ -133,7 +136,64 @@ def test_a_file_does_not_bring_its_lens_along(run, here):
     assert "ownlens" not in sys.modules
 
 
-@pytest.mark.parametrize("arguments", [fits.FitArguments, calibrate.Arguments])
+@pytest.fixture
+def own(here, picture):
+    """A calibration of the user's own lens, whose module nothing has imported, and a picture."""
+    (here / "lens.json").write_text(json.dumps(CALIBRATION))
+    return picture
+
+
+CALIBRATION = {
+    "format": "jaxlens calibration",
+    "schema_version": 1,
+    "model": "own.exponential",
+    "parameters": {"a": 0.2, "center": [0.0, 0.0]},
+}
+
+
+def test_a_lens_of_one_s_own_for_pictures(run, own, here):
+    result = run("undistort", own, "--lens", "lens.json", "--model", "ownlens:Exponential", "--output", "a.png")
+    assert result.code == 0, result.err
+    lens = read_calibration(here / "lens.json").lens()
+    assert type(lens).__module__ == "ownlens"
+    with jax.enable_x64(True):
+        expected = images.warp(images.read(own), jl.OneToOne(read_calibration(here / "lens.json").lens())).pixels
+    np.testing.assert_array_equal(images.read(here / "a.png").pixels, expected)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ([], "there is no lens 'own.exponential'"),
+        ([], "For one of your own pass --model package.module:Class, too: that module is imported, and thus run"),
+        (["--model", "ownlens:Nameless"], "--model: Nameless has no name in files"),
+        (["--model", "missing_lens:Exponential"], "there is no module 'missing_lens' in the current folder"),
+    ],
+)
+def test_a_lens_that_is_not_known(run, own, here, monkeypatch, words, message):
+    # Other tests of this process may have registered it.
+    monkeypatch.setattr(_registry, "_CLASSES", {**_registry._CLASSES})
+    _registry._CLASSES.pop("own.exponential", None)
+    result = run("undistort", own, "--lens", "lens.json", *words, "--output", "a.png")
+    assert (result.code, message in result.err) == (2, True), result.err
+    assert not (here / "a.png").exists()
+    assert words or "ownlens" not in sys.modules
+
+
+def test_a_model_of_another_lens(run, own, here):
+    (here / "lens.json").write_text(json.dumps(CALIBRATION | {"model": "Division", "parameters": {"kappa": [0.1]}}))
+    result = run("undistort", own, "--lens", "lens.json", "--model", "radial", "--output", "a.png")
+    message = "--model radial is the lens 'RadialPolynomial', and 'lens.json' holds a 'Division'"
+    assert (result.code, message in result.err) == (2, True), result.err
+
+
+def test_a_model_without_a_file(run, own):
+    result = run("distort", own, "--kappa", "0.1", "--model", "ownlens:Exponential", "--output", "a.png")
+    assert (result.code, "--model says what the lens in --lens FILE.json is" in result.err) == (2, True)
+    assert "ownlens" not in sys.modules
+
+
+@pytest.mark.parametrize("arguments", [estimation.FitArguments, calibrate.Arguments])
 def test_the_default_is_a_lens_there_is(arguments):
     assert issubclass(find_lens(arguments.model), jl.Lens)
 

@@ -4,11 +4,12 @@ import sys
 import jax
 import numpy as np
 import pytest
-from cli_helpers import files_in, smooth
+from pictures import files_in, smooth
 from PIL import Image, ImageCms
 
 import jaxlens as jl
-from jaxlens.images import Picture, PictureMetadata, read_image, write_image
+from jaxlens import images
+from jaxlens.images import Picture, PictureMetadata
 
 
 def library(pixels, direction, kappa, **options):
@@ -27,14 +28,14 @@ def test_pixels_are_those_of_the_library(run, picture, direction):
     assert result.out == ""
     assert "out.png" in result.err
     assert "32 × 24, 8-bit RGB" in result.err
-    np.testing.assert_array_equal(read_image(output).pixels, library(smooth(), direction, (-0.2, 0.05)))
+    np.testing.assert_array_equal(images.read(output).pixels, library(smooth(), direction, (-0.2, 0.05)))
 
 
 @pytest.mark.parametrize("words", [["-.2", "+5E-2"], ["-2e-1", "0.05"], ["-0.2000", "5e-2"]])
 def test_ways_to_write_numbers(run, picture, words):
     output = picture.with_name("out.png")
     assert run("distort", picture, "-k", *words, "-o", output).code == 0
-    np.testing.assert_array_equal(read_image(output).pixels, library(smooth(), "distort", (-0.2, 0.05)))
+    np.testing.assert_array_equal(images.read(output).pixels, library(smooth(), "distort", (-0.2, 0.05)))
 
 
 def test_the_process_itself(run_process, picture):
@@ -43,7 +44,7 @@ def test_the_process_itself(run_process, picture):
     assert result.out == ""
     assert result.err == "jaxlens: wrote 'out.png' (32 × 24, 8-bit RGB)\n"
     np.testing.assert_array_equal(
-        read_image(picture.with_name("out.png")).pixels, library(smooth(), "distort", (-0.2, 0.05))
+        images.read(picture.with_name("out.png")).pixels, library(smooth(), "distort", (-0.2, 0.05))
     )
 
 
@@ -53,7 +54,7 @@ def test_options_reach_the_library(run, picture):
     assert run("distort", picture, "--kappa", "-0.9", "0", "--output", output, *options).code == 0
     fill = np.float32([7, 8, 9])
     expected = library(smooth(), "distort", (-0.9, 0.0), method="bicubic_opencv", border="reflect", fill=fill)
-    np.testing.assert_array_equal(read_image(output).pixels, expected)
+    np.testing.assert_array_equal(images.read(output).pixels, expected)
 
 
 def test_center(run, picture):
@@ -62,13 +63,13 @@ def test_center(run, picture):
     with jax.enable_x64(False):
         frame = jl.Frame(np.array([10.0, 8.5]), 20.0)
         expected = np.asarray(jl.undistort_image(smooth(), jl.RadialPolynomial(np.array([0.3, 0.0])), frame=frame))
-    np.testing.assert_array_equal(read_image(output).pixels, expected)
+    np.testing.assert_array_equal(images.read(output).pixels, expected)
 
 
 def test_crop_leaves_no_border(run, picture):
     output = picture.with_name("out.png")
     assert run("undistort", picture, "--kappa", "0.3", "0", "--output", output, "--crop").code == 0
-    cropped = read_image(output).pixels
+    cropped = images.read(output).pixels
     assert 8 < cropped.shape[0] < 24
     assert 8 < cropped.shape[1] < 32
     assert cropped.min() >= smooth().min()
@@ -97,7 +98,7 @@ def test_a_lens_that_folds(run, picture, direction):
     assert 0.2 < share < 0.9
     assert "folds at the radius 0.6086 (12.2 pixels" in result.err
     assert f"{share:.2%} of the pixels" in result.err
-    pixels = read_image(output).pixels
+    pixels = images.read(output).pixels
     assert (pixels == 0).all(axis=-1).mean() == pytest.approx(share, abs=0.05)
 
 
@@ -190,7 +191,7 @@ def test_an_existing_output(run, picture):
     assert "pass --overwrite" in result.err
     assert output.read_bytes() == b"precious"
     assert run("distort", picture, "--kappa", "-0.2", "0.05", "--output", output, "--overwrite").code == 0
-    assert read_image(output).pixels.shape == (24, 32, 3)
+    assert images.read(output).pixels.shape == (24, 32, 3)
     # In place, too: what is read is read before anything is written.
     assert run("distort", output, "--kappa", "-0.2", "0.05", "--output", output, "--overwrite").code == 0
 
@@ -212,7 +213,7 @@ def test_a_folder_that_may_not_be_written(run, picture, tmp_path, monkeypatch):
 
 
 def test_a_format_that_does_not_hold_the_picture(run, picture, tmp_path):
-    write_image(tmp_path / "deep.png", smooth(np.uint16))
+    images.write(tmp_path / "deep.png", smooth(np.uint16))
     result = run("distort", tmp_path / "deep.png", "--kappa", "0.1", "--output", tmp_path / "out.jpg")
     assert result.code == 1
     assert "JPEG" in result.err
@@ -221,7 +222,7 @@ def test_a_format_that_does_not_hold_the_picture(run, picture, tmp_path):
 
 def test_a_folder_of_pictures(run, picture, tmp_path):
     folder = picture.parent
-    write_image(folder / "second.png", smooth()[::-1].copy())
+    images.write(folder / "second.png", smooth()[::-1].copy())
     (folder / "broken.png").write_bytes(b"\x89PNG\r\n\x1a\n")
     (folder / "notes.txt").write_text("not a picture")
     output = tmp_path / "out"
@@ -232,7 +233,7 @@ def test_a_folder_of_pictures(run, picture, tmp_path):
     assert result.out == ""
     assert files_in(output) == ["picture.png", "second.png"]
     np.testing.assert_array_equal(
-        read_image(output / "second.png").pixels, library(smooth()[::-1], "distort", (-0.2, 0.05))
+        images.read(output / "second.png").pixels, library(smooth()[::-1], "distort", (-0.2, 0.05))
     )
     again = run("distort", folder, "--kappa", "-0.2", "0.05", "--output", output)
     assert again.code == 1
@@ -243,7 +244,7 @@ def test_a_folder_is_compiled_for_once(run, tmp_path, monkeypatch):
     folder = tmp_path / "many"
     folder.mkdir()
     for index in range(5):
-        write_image(folder / f"{index}.png", smooth())
+        images.write(folder / f"{index}.png", smooth())
     jl.warp.clear_cache()
     assert run("distort", folder, "--kappa", "-0.2", "0.05", "--output", tmp_path / "out").code == 0
     assert jl.warp._cache_size() == 1
@@ -251,7 +252,7 @@ def test_a_folder_is_compiled_for_once(run, tmp_path, monkeypatch):
 
 def test_same_names_from_different_folders(run, picture, tmp_path):
     (tmp_path / "other").mkdir()
-    write_image(tmp_path / "other" / "picture.png", smooth()[::-1].copy())
+    images.write(tmp_path / "other" / "picture.png", smooth()[::-1].copy())
     result = run("distort", picture.parent, tmp_path / "other", "--kappa", "0.1", "--output", tmp_path / "out")
     assert result.code == 2
     assert "would both be written" in result.err
@@ -289,7 +290,7 @@ def test_metadata_is_kept_and_orientation_applied_once(run, tmp_path):
     stored = np.rot90(smooth())
     Image.fromarray(stored).save(tmp_path / "phone.png", exif=exif, icc_profile=profile)
     assert run("distort", tmp_path / "phone.png", "-k", "-0.2", "0.05", "-o", tmp_path / "out.png").code == 0
-    np.testing.assert_array_equal(read_image(tmp_path / "out.png").pixels, library(smooth(), "distort", (-0.2, 0.05)))
+    np.testing.assert_array_equal(images.read(tmp_path / "out.png").pixels, library(smooth(), "distort", (-0.2, 0.05)))
     with Image.open(tmp_path / "out.png") as out:
         assert out.getexif()[0x010F] == "Lens & Co"
         assert out.getexif().get(0x0112, 1) == 1
@@ -316,10 +317,10 @@ def test_quality(run, picture, tmp_path):
 
 
 def test_fill_with_nan_is_for_floating_pictures(run, picture, tmp_path):
-    write_image(tmp_path / "float.tif", smooth(np.float32, 1))
+    images.write(tmp_path / "float.tif", smooth(np.float32, 1))
     options = ["-k", "0.3", "0", "--fill", "nan", "-o"]
     assert run("undistort", tmp_path / "float.tif", *options, tmp_path / "out.tif").code == 0
-    missing = np.isnan(read_image(tmp_path / "out.tif").pixels)
+    missing = np.isnan(images.read(tmp_path / "out.tif").pixels)
     assert 0.1 < missing.mean() < 0.7
     assert missing[0, 0]
     assert not missing[6:18, 8:24].any()
@@ -339,8 +340,8 @@ def test_a_name_with_control_characters_is_quoted(run, tmp_path):
 
 def test_pictures_with_metadata_of_their_own(run, tmp_path):
     picture = Picture(smooth(np.float32, 1), PictureMetadata(dpi=(72.0, 72.0)))
-    write_image(tmp_path / "float.tif", picture)
+    images.write(tmp_path / "float.tif", picture)
     assert run("undistort", tmp_path / "float.tif", "-k", "0.3", "0", "-o", tmp_path / "out.tif").code == 0
-    out = read_image(tmp_path / "out.tif")
+    out = images.read(tmp_path / "out.tif")
     assert out.metadata.dpi == (72.0, 72.0)
     np.testing.assert_array_equal(out.pixels, library(smooth(np.float32, 1), "undistort", (0.3, 0.0)))

@@ -1,4 +1,4 @@
-"""The radial distance, paths, curves of equal distance, and the nose tip."""
+"""The radial distance, paths, and the nose tip."""
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +12,6 @@ from jaxlens.surfaces import (
     face,
     geodesic_distance,
     geodesic_path,
-    iso_distance_curves,
     nose_tip,
     radial_geodesic_distance,
 )
@@ -141,21 +140,6 @@ def test_starts_that_do_not_fit(x64):
         geodesic_path(depth_map, distance[1:], (3.0, 3.0))
     with pytest.raises(ValueError, match="max_points"):
         geodesic_path(depth_map, distance, (3.0, 3.0), max_points=1)
-
-
-def test_curves_of_equal_distance_are_circles(x64):
-    mask = COLUMNS < 29
-    distance = geodesic_distance(DepthMap(np.zeros((HEIGHT, WIDTH)), mask=mask), source=SOURCE)
-    inner, outer, none = iso_distance_curves(distance, [6.0, 17.0, 100.0])
-    assert len(inner) == 1
-    np.testing.assert_array_equal(inner[0][0], inner[0][-1])
-    np.testing.assert_allclose(np.hypot(*(inner[0] - SOURCE).T), 6, atol=0.03)
-    assert max(curve[:, 0].max() for curve in outer) <= 28
-    assert none == []
-    with pytest.raises(ValueError, match="levels must be finite"):
-        iso_distance_curves(distance, [np.nan])
-    with pytest.raises(ValueError, match="2×2"):
-        iso_distance_curves(distance[0], [1.0])
 
 
 def test_the_nose_tip_of_a_face(x64):

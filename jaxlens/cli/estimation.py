@@ -1,4 +1,4 @@
-"""What the fitting commands share: which lens to fit, how, and where the result goes."""
+"""What `jaxlens fit` and `jaxlens calibrate` share: which lens to fit, how, and where the result goes."""
 
 # Optional[X] for the same reason as in `jaxlens.cli.options`.
 # ruff: noqa: UP045
@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Annotated, Literal, Optional
 
 from tyro.conf import arg
 
-from jaxlens.cli.errors import CommandError, UsageError
-from jaxlens.cli.messages import say
-from jaxlens.cli.models import check_saved, starting_lens
-from jaxlens.cli.values import Numbers, numbers
+from jaxlens.cli import options
+from jaxlens.cli.lenses import check_saved, starting_lens
+from jaxlens.cli.messages import CommandError, UsageError, in_options, say
+from jaxlens.cli.outputs import check_new_file, make_folder, write_calibration, write_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,8 +43,8 @@ class FitArguments:
     """How many coefficients the lens has."""
 
     start: Annotated[
-        Optional[Numbers],
-        numbers("K1 [K2 ...]", largest=1e6),
+        Optional[options.Numbers],
+        options.numbers("K1 [K2 ...]", largest=1e6),
         arg(help_behavior_hint="(default: zeros, or what a search finds)"),
     ] = None
     """The coefficients from which the fit starts; those left out are zero."""
@@ -58,8 +58,7 @@ class FitArguments:
     plots: Annotated[Optional[Path], arg(metavar="DIR", help_behavior_hint="")] = None
     """Draw the fit into this folder, which is made if need be."""
 
-    overwrite: Annotated[bool, arg(help_behavior_hint="")] = False
-    """Replace files that exist."""
+    overwrite: options.Overwrite = False
 
 
 def check_fit_arguments(arguments: FitArguments) -> None:
@@ -71,41 +70,9 @@ def check_fit_arguments(arguments: FitArguments) -> None:
     model_lens(arguments)
     if arguments.output is not None:
         check_saved(arguments.model)
-        if arguments.output.is_dir():
-            raise UsageError(f"--output {str(arguments.output)!r} is a folder; name a file, such as lens.json")
-        if not arguments.output.parent.is_dir():
-            raise UsageError(f"--output: there is no folder {str(arguments.output.parent)!r}; make it first")
-        if arguments.output.exists() and not arguments.overwrite:
-            raise UsageError(f"--output {str(arguments.output)!r} exists; pass --overwrite to replace it")
+        check_new_file(arguments.output, overwrite=arguments.overwrite)
     if arguments.plots is not None and arguments.plots.exists() and not arguments.plots.is_dir():
         raise UsageError(f"--plots {str(arguments.plots)!r} is a file; name a folder")
-
-
-def parse_size(text: str, option: str) -> tuple[int, int]:
-    """Reads two counts as in `640x480`.
-
-    Raises:
-        UsageError: it is not that.
-    """
-    parts = text.lower().replace("×", "x").split("x")
-    if len(parts) == 2 and all(part.strip().isdecimal() and int(part) > 0 for part in parts):
-        return int(parts[0]), int(parts[1])
-    example = "9x6" if option == "--board" else "640x480"
-    raise UsageError(f"{option} is two counts with an x between, such as {example}; got {text!r}")
-
-
-def load_columns(path: Path, required: Sequence[str], *, optional: Sequence[str] = ()) -> dict[str, list[float]]:
-    """Reads columns of numbers from a CSV file.
-
-    Raises:
-        UsageError: as `jaxlens.columns.read_columns`.
-    """
-    from jaxlens.columns import ColumnsError, read_columns
-
-    try:
-        return read_columns(path, required, optional=optional)
-    except ColumnsError as error:
-        raise UsageError(str(error)) from error
 
 
 def check_normalized(size: tuple[int, int] | None, columns: dict[str, list[float]], names: Sequence[str]) -> None:
@@ -135,7 +102,7 @@ def model_lens(arguments: FitArguments) -> "Lens":
     """Returns the lens to start from: that of --start, or the one without distortion.
 
     Raises:
-        UsageError: as `jaxlens.cli.models.starting_lens`.
+        UsageError: as `jaxlens.cli.lenses.starting_lens`.
     """
     return starting_lens(arguments.model, arguments.terms, arguments.start or ())
 
@@ -159,7 +126,7 @@ def fitting() -> Iterator[None]:
         try:
             yield
         except (FitError, ValueError) as error:
-            raise CommandError(f"cannot fit: {error}".replace("by `free`", "by a smaller --terms")) from error
+            raise CommandError(f"cannot fit: {in_options(error)}") from error
 
 
 def deliver(
@@ -172,26 +139,25 @@ def deliver(
     """
     print(fit.summary())  # noqa: T201
     if arguments.output is not None:
-        from jaxlens.cli.calibrations import save_fit
+        from jaxlens.calibrations import Calibration, CalibrationError
 
-        save_fit(arguments.output, fit, image_size, overwrite=arguments.overwrite)
+        try:
+            calibration = Calibration.from_fit(fit, image_size=image_size)
+        except CalibrationError as error:
+            raise CommandError(f"cannot write {str(arguments.output)!r}: {error}") from error
+        write_calibration(arguments.output, calibration, overwrite=arguments.overwrite)
         say(f"wrote {str(arguments.output)!r}")
     if arguments.plots is not None:
         _write_figures(arguments, figures or {})
 
 
 def _write_figures(arguments: FitArguments, figures: "dict[str, Figure]") -> None:
-    from jaxlens.cli.figures import save_figure
-
     folder = arguments.plots
     assert folder is not None
     taken = [name for name in figures if (folder / f"{name}.png").exists()]
     if taken and not arguments.overwrite:
         raise CommandError(f"{str(folder / (taken[0] + '.png'))!r} exists; pass --overwrite to replace it")
-    try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise CommandError(f"cannot make the folder {str(folder)!r}: {error.strerror}") from error
+    make_folder(folder)
     for name, figure in figures.items():
-        save_figure(folder / f"{name}.png", figure, overwrite=arguments.overwrite)
+        write_figure(folder / f"{name}.png", figure, overwrite=arguments.overwrite)
     say(f"drew {', '.join(f'{name}.png' for name in figures)} in {str(folder)!r}")

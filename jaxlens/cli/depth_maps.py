@@ -1,4 +1,4 @@
-"""What the commands about surfaces share: meshes and pictures as depth maps."""
+"""Meshes and pictures as depth maps, for the commands about surfaces."""
 
 # Optional[X] for the same reason as in `jaxlens.cli.options`.
 # ruff: noqa: UP045
@@ -9,15 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Literal, Optional
 
 from tyro.conf import arg
 
-from jaxlens.cli.errors import CommandError, UsageError
-from jaxlens.cli.fits import parse_size
-from jaxlens.cli.meshes import is_mesh, load_mesh
+from jaxlens.cli.inputs import gray_values, is_mesh, read_mesh, read_picture
+from jaxlens.cli.messages import CommandError, UsageError
+from jaxlens.cli.options import parse_size
 
 if TYPE_CHECKING:
     import numpy as np
     from jaxtyping import Array
 
-    from jaxlens.images import Picture
     from jaxlens.surfaces import DepthMap
 
 _SIZE = (512, 512)
@@ -91,14 +90,13 @@ def load_surface(
     """
     import numpy as np
 
-    from jaxlens.cli.pictures import read_picture
     from jaxlens.surfaces import DepthMap, from_mesh, normals_from_mesh
 
     try:
         if is_mesh(path):
             size = _SIZE if view.size is None else parse_size(view.size, "--size")
             width, height = _within(size, max_points)
-            mesh, options = load_mesh(path), {"projection": view.projection, "field_of_view": view.field_of_view}
+            mesh, options = read_mesh(path), {"projection": view.projection, "field_of_view": view.field_of_view}
             normals = normals_from_mesh(mesh, height, width, **options)
             return Surface(from_mesh(mesh, height, width, **options), normals, size)
         picture = read_picture(path, max_pixels)
@@ -148,18 +146,3 @@ def _shares(few: int, many: int) -> "np.ndarray":
     edges, fine = np.linspace(0, many, few + 1), np.arange(many)
     overlap = np.minimum(edges[1:, None], fine + 1) - np.maximum(edges[:-1, None], fine)
     return np.maximum(overlap, 0) * (few / many)
-
-
-def gray_values(picture: "Picture") -> "tuple[np.ndarray, float]":
-    """Returns a picture's gray values, the mean of its channels without alpha, and that of white."""
-    import numpy as np
-
-    pixels = picture.pixels
-    if pixels.dtype.kind == "f":
-        white = float(np.max(pixels, where=np.isfinite(pixels), initial=1.0))
-    else:
-        white = float(np.iinfo(pixels.dtype).max)
-    if pixels.ndim == 3:
-        pixels = pixels[..., :-1] if picture.has_alpha else pixels
-        pixels = pixels.mean(axis=-1, dtype=np.float64)
-    return np.asarray(pixels, np.float64), white

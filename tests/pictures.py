@@ -1,4 +1,4 @@
-"""Pictures and folders for the tests of the command line."""
+"""Pictures and folders for the tests of pictures and of the command line."""
 
 from pathlib import Path
 

@@ -1,21 +1,23 @@
-"""Mesh files: OBJ, PLY and STL through trimesh, as data from strangers."""
+"""Meshes as files: OBJ, PLY and STL through trimesh, none of them trusted."""
 
 import io
 import os
 import warnings
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 
 from jaxlens.files import atomic_write
-from jaxlens.surfaces._mesh import Mesh, check_mesh
+from jaxlens.surfaces import Mesh
 
-_FORMATS = (".obj", ".ply", ".stl")
+SUFFIXES = (".obj", ".ply", ".stl")
+"""Endings of the files that are read and written, in lower case."""
 _LARGEST = 2**29
 
 
-def read_mesh(path: str | os.PathLike[str], *, largest: int = _LARGEST) -> Mesh:
+def read(path: str | os.PathLike[str], *, largest: int = _LARGEST) -> Mesh:
     """Reads a mesh from a file: OBJ, PLY or STL.
 
     Only the file itself is read: materials and textures that it names are not looked for. Several objects in a file
@@ -34,11 +36,20 @@ def read_mesh(path: str | os.PathLike[str], *, largest: int = _LARGEST) -> Mesh:
         ImportError: trimesh is not installed.
         OSError: the file cannot be read.
     """
-    vertices, faces, texture_coordinates = read_arrays(path, largest)
-    return Mesh(vertices, faces, texture_coordinates=texture_coordinates)
+    parts = _parts(path, largest)
+    for part in parts:  # each by itself, before the offsets hide a wrong index
+        Mesh(np.zeros_like(part.vertices), np.asarray(part.faces))
+    offsets = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    vertices = np.concatenate([np.asarray(part.vertices, np.float64) for part in parts])
+    faces = np.concatenate([np.asarray(part.faces) + offset for part, offset in zip(parts, offsets[:-1], strict=True)])
+    textures = [getattr(part.visual, "uv", None) for part in parts]
+    if any(uv is None or len(uv) != len(part.vertices) for uv, part in zip(textures, parts, strict=True)):
+        return Mesh(vertices, faces)
+    coordinates = np.concatenate([np.asarray(uv, np.float64)[:, :2] for uv in textures])
+    return Mesh(vertices, faces, texture_coordinates=coordinates)
 
 
-def save_mesh(path: str | os.PathLike[str], mesh: Mesh, *, overwrite: bool = False) -> None:
+def write(path: str | os.PathLike[str], mesh: Mesh, *, overwrite: bool = False) -> None:
     """Writes a mesh, whole or not at all: OBJ, PLY (binary) or STL (binary, single precision, no texture coordinates).
 
     Args:
@@ -65,10 +76,8 @@ def save_mesh(path: str | os.PathLike[str], mesh: Mesh, *, overwrite: bool = Fal
         temporary.write_bytes(data.encode() if isinstance(data, str) else data)
 
 
-def read_arrays(
-    path: str | os.PathLike[str], largest: int = _LARGEST
-) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """Returns vertices (double precision), faces and texture coordinates of a file, checked; as `read_mesh`."""
+def _parts(path: str | os.PathLike[str], largest: int) -> list[Any]:
+    """The objects of a file that have faces, as trimesh reads them."""
     suffix = _format(path)
     trimesh = _trimesh()
     with open(path, "rb") as file:
@@ -93,22 +102,13 @@ def read_arrays(
         raise ValueError(
             f"{str(path)!r} has no faces ({points} points); a surface needs triangles: mesh the points first"
         )
-    offsets = np.cumsum([0, *(len(part.vertices) for part in parts)])
-    vertices = np.concatenate([np.asarray(part.vertices, np.float64) for part in parts])
-    for part in parts:  # within each part, before the offsets hide what is wrong
-        check_mesh(np.zeros_like(part.vertices), np.asarray(part.faces))
-    faces = np.concatenate([np.asarray(part.faces) + offset for part, offset in zip(parts, offsets[:-1], strict=True)])
-    check_mesh(vertices, faces)
-    textures = [getattr(part.visual, "uv", None) for part in parts]
-    if any(uv is None or len(uv) != len(part.vertices) for uv, part in zip(textures, parts, strict=True)):
-        return vertices, faces, None
-    return vertices, faces, np.concatenate([np.asarray(uv, np.float64)[:, :2] for uv in textures])
+    return parts
 
 
 def _format(path: str | os.PathLike[str]) -> str:
     suffix = Path(path).suffix.lower()
-    if suffix not in _FORMATS:
-        raise ValueError(f"a mesh file ends in {', '.join(_FORMATS)}, got {str(path)!r}; convert it first")
+    if suffix not in SUFFIXES:
+        raise ValueError(f"a mesh file ends in {', '.join(SUFFIXES)}, got {str(path)!r}; convert it first")
     return suffix
 
 
