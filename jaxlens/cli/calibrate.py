@@ -1,8 +1,5 @@
 """`jaxlens calibrate`: a camera from pictures of a chessboard."""
 
-# Optional[X] for the same reason as in `jaxlens.cli.options`.
-# ruff: noqa: UP045
-
 import math
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -1,8 +1,5 @@
 """`jaxlens compare`: every metric of a picture against a reference."""
 
-# Optional[X] for the same reason as in `jaxlens.cli.options`.
-# ruff: noqa: UP045
-
 import json
 import math
 from dataclasses import dataclass

@@ -1,8 +1,5 @@
 """`jaxlens deform`: a picture or a mesh, dragged by a lattice, rectified, or put through a lens."""
 
-# Optional[X] for the same reason as in `jaxlens.cli.options`.
-# ruff: noqa: UP045
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -76,16 +73,13 @@ class Arguments:
     """A lens for a mesh, in half diagonals of its bounding box as seen from the front."""
 
     lens: options.Lens = None
-
     model: options.LensModel = None
 
     method: options.Method = "bilinear"
     """How to read between pixels."""
 
     quality: options.Quality = None
-
     overwrite: options.Overwrite = False
-
     max_pixels: options.MaxPixels = None
 
 

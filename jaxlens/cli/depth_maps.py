@@ -1,8 +1,5 @@
 """Meshes and pictures as depth maps, for the commands about surfaces."""
 
-# Optional[X] for the same reason as in `jaxlens.cli.options`.
-# ruff: noqa: UP045
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, Optional

@@ -1,8 +1,5 @@
 """What `jaxlens fit` and `jaxlens calibrate` share: which lens to fit, how, and where the result goes."""
 
-# Optional[X] for the same reason as in `jaxlens.cli.options`.
-# ruff: noqa: UP045
-
 import contextlib
 import sys
 import warnings

@@ -39,7 +39,6 @@ class Arguments(FitArguments):
     """The picture with it."""
 
     fit_center: options.FitCenter = False
-
     max_pixels: options.MaxPixels = None
 
 

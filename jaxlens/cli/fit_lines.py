@@ -38,7 +38,6 @@ class Arguments(FitArguments):
     """The points on lines."""
 
     image_size: options.ImageSize = None
-
     fit_center: options.FitCenter = False
 
 

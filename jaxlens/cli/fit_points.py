@@ -39,7 +39,6 @@ class Arguments(FitArguments):
     """The correspondences."""
 
     image_size: options.ImageSize = None
-
     fit_center: options.FitCenter = False
 
     fit_scale: Annotated[bool, arg(help_behavior_hint="")] = False

@@ -1,8 +1,5 @@
 """`jaxlens geodesic`: how far the points of a face, or any surface, are from one of them."""
 
-# Optional[X] for the same reason as in `jaxlens.cli.options`.
-# ruff: noqa: UP045
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Optional
@@ -67,7 +64,6 @@ class Arguments(View):
     """Take a surface with more points coarser, so that it has at most as many; the time grows faster than they do."""
 
     overwrite: options.Overwrite = False
-
     max_pixels: options.MaxPixels = None
 
 

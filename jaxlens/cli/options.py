@@ -1,9 +1,5 @@
 """Options that several commands have, each written out once: how it is read, what the help says, what is refused."""
 
-# Optional[X], here and in every command, where the style is X | None: tyro checks the latter with typeguard, whose
-# import would take a third of the time in which the help is to appear.
-# ruff: noqa: UP045
-
 import math
 from functools import partial
 from pathlib import Path
@@ -104,45 +100,36 @@ def _read_number(word: str, largest: float, nan: bool) -> float:
 Method = Literal["nearest", "bilinear", "bicubic", "bicubic_opencv"]
 Border = Literal["constant", "edge", "reflect", "wrap"]
 
-ImageSize = Annotated[
-    Optional[str],
-    arg(metavar="WIDTHxHEIGHT", help_behavior_hint="", help="The points are pixels of pictures of this size."),
-]
 Kappa = Annotated[Optional[Numbers], numbers("K1 [K2 ...]", largest=1e6), arg(aliases=["-k"], help_behavior_hint="")]
+
+
+def _shared(text: str, metavar: str | None = None, *, hint: str = "") -> Any:
+    """Returns what the help says of an option that several commands have."""
+    return arg(help=text, metavar=metavar, help_behavior_hint=hint)
+
+
+ImageSize = Annotated[Optional[str], _shared("The points are pixels of pictures of this size.", "WIDTHxHEIGHT")]
+FitCenter = Annotated[bool, _shared("Fit the lens's centre of distortion, too.")]
 Lens = Annotated[
     Optional[Path],
-    arg(
-        metavar="FILE.json",
-        help_behavior_hint="",
-        help="A calibration that jaxlens fit or jaxlens calibrate wrote, whose lens is taken in place of --kappa.",
-    ),
+    _shared("A calibration by jaxlens fit or jaxlens calibrate, whose lens is taken in place of --kappa.", "FILE.json"),
 ]
 LensModel = Annotated[
     Optional[str],
-    arg(
-        metavar="package.module:Class",
-        help_behavior_hint="",
-        help="The class of the lens in --lens where it is one of your own.\n"
+    _shared(
+        "The class of the lens in --lens where it is one of your own.\n"
         "That module is looked for in the current folder, too, and is run.",
+        "package.module:Class",
     ),
 ]
-FitCenter = Annotated[bool, arg(help_behavior_hint="", help="Fit the lens's centre of distortion, too.")]
 Quality = Annotated[
     Optional[int],
-    arg(
-        metavar="1-100",
-        help_behavior_hint="(default: 95, WebP lossless)",
-        help="How good JPEG and WebP files are; the better, the larger.",
-    ),
+    _shared("How good JPEG and WebP files are; the better, the larger.", "1-100", hint="(default: 95, WebP lossless)"),
 ]
-Overwrite = Annotated[bool, arg(help_behavior_hint="", help="Replace files that exist.")]
+Overwrite = Annotated[bool, _shared("Replace files that exist.")]
 MaxPixels = Annotated[
     Optional[int],
-    arg(
-        metavar="COUNT",
-        help_behavior_hint="(default: 200 million)",
-        help="Refuse pictures with more pixels, before they are decoded.",
-    ),
+    _shared("Refuse pictures with more pixels, before they are decoded.", "COUNT", hint="(default: 200 million)"),
 ]
 
 

@@ -1,8 +1,5 @@
 """`jaxlens surface`: a picture as a landscape, or a mesh as a shaded picture and a depth map."""
 
-# Optional[X] for the same reason as in `jaxlens.cli.options`.
-# ruff: noqa: UP045
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, Optional
@@ -61,7 +58,6 @@ class Arguments(View):
     """Of a mesh: write its depth map, too."""
 
     overwrite: options.Overwrite = False
-
     max_pixels: options.MaxPixels = None
 
 

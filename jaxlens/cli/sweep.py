@@ -1,8 +1,5 @@
 """`jaxlens sweep`: run an experiment from its configuration."""
 
-# Optional[X] for the same reason as in `jaxlens.cli.options`.
-# ruff: noqa: UP045
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Optional

@@ -1,8 +1,5 @@
 """What `jaxlens distort` and `jaxlens undistort` share: their options, and pictures through a lens, cropped or not."""
 
-# Optional[X] for the same reason as in `jaxlens.cli.options`.
-# ruff: noqa: UP045
-
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, Literal, Optional
@@ -35,7 +32,6 @@ class WarpArguments:
     """The lens Φ(r²) = 1 + κ1 r² + κ2 r⁴ + …, r in half-diagonals from its centre; κ < 0 is barrel, > 0 pincushion."""
 
     lens: options.Lens = None
-
     model: options.LensModel = None
 
     method: options.Method = "bilinear"
@@ -67,9 +63,7 @@ class WarpArguments:
     """The lens's centre in pixels from the centre of the first one, to the right and down."""
 
     quality: options.Quality = None
-
     overwrite: options.Overwrite = False
-
     max_pixels: options.MaxPixels = None
 
 

@@ -1,14 +1,8 @@
 """imagecodecs, an extra: 80 MB of codecs that most pictures do without."""
 
-from importlib.util import find_spec
 from types import ModuleType
 
 from jaxlens.images.picture import ImageError
-
-
-def has_codecs() -> bool:
-    """Tells whether imagecodecs is installed."""
-    return find_spec("imagecodecs") is not None
 
 
 def codecs(purpose: str) -> ModuleType:

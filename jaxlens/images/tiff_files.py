@@ -4,11 +4,12 @@ import io
 import math
 import struct
 import warnings
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, BinaryIO, cast
 
 import numpy as np
 
-from jaxlens.images.codecs import codecs, has_codecs
+from jaxlens.images.codecs import codecs
 from jaxlens.images.exif import reset_orientation, strip_prefix
 from jaxlens.images.picture import ImageError, PictureMetadata, check_size
 from jaxlens.images.pillow_files import checked_dpi
@@ -83,14 +84,15 @@ def write_tiff(file: BinaryIO, pixels: np.ndarray, metadata: PictureMetadata) ->
     # Offsets in a plain TIFF have 32 bits; some room is left for what is not pixels. BigTIFF gets no EXIF.
     large = pixels.nbytes > 2**32 - 2**25
     exif = None if large or not metadata.exif else read_exif(io.BytesIO(strip_prefix(metadata.exif)))
+    # What is written here can be read here.
+    compressed = find_spec("imagecodecs") is not None
     options: dict[str, Any] = {
         "photometric": "rgb" if channels >= 3 else "minisblack",
         "planarconfig": "contig" if channels > 1 else None,
         "extrasamples": ["unassalpha"] if channels in (2, 4) else None,
-        # What can be written here can be read here.
-        "compression": "zlib" if has_codecs() else None,
+        "compression": "zlib" if compressed else None,
         # Differences of neighbours compress integers well; for floats it is an extension few readers know.
-        "predictor": has_codecs() and pixels.dtype.kind in "ui",
+        "predictor": compressed and pixels.dtype.kind in "ui",
         "iccprofile": metadata.icc_profile,
         # No date, no name of the writer, no description: equal pictures make equal files.
         "metadata": None,

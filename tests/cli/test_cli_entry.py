@@ -217,10 +217,9 @@ def test_the_help_of_an_option_is_of_whole_sentences():
                     _check_sentences(lines, f"{path.name}, {ast.unparse(field.target)}")
                     seen += 1
         for call in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
-            for word in call.keywords:
-                if ast.unparse(call.func) == "arg" and word.arg == "help":
-                    _check_sentences(ast.literal_eval(word.value).splitlines(), path.name)
-                    seen += 1
+            if ast.unparse(call.func) == "_shared":
+                _check_sentences(ast.literal_eval(call.args[0]).splitlines(), path.name)
+                seen += 1
     assert seen > 60
 
 
