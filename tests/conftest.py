@@ -1,8 +1,11 @@
 """What all tests share: quick compilation, strict broadcasting, and both precisions without a global switch."""
 
+import atexit
 import os
+import shutil
 import subprocess
 import sys
+import tempfile
 
 import jax
 import pytest
@@ -16,11 +19,29 @@ def _is_known(flag):
 
 
 # Nearly all the time is compilation: code that runs once need not be optimized, and the older of the two generators of
-# fused loops, where there still are two, compiles three times as fast. Read when the first array is made; the workers
-# of pytest-xdist inherit what the first process found. XLA_FLAGS= (empty) tests what users run.
+# fused loops, where there still are two, compiles three times as fast. Parts of a program, compiled side by side, take
+# longer in sum, and the workers of pytest-xdist keep the cores busy. Read when the first array is made; the workers
+# inherit what the first process found. XLA_FLAGS= (empty) tests what users run.
 if "XLA_FLAGS" not in os.environ:
-    flags = ("--xla_backend_optimization_level=0", "--xla_cpu_use_fusion_emitters=false")
+    flags = (
+        "--xla_backend_optimization_level=0",
+        "--xla_cpu_use_fusion_emitters=false",
+        "--xla_cpu_parallel_codegen_split_count=1",
+    )
     os.environ["XLA_FLAGS"] = " ".join(flag for flag in flags if _is_known(flag))
+
+# Many programs are those of another test, worker or command line: one folder keeps them all, for this run alone.
+if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+    folder = tempfile.mkdtemp(prefix="jaxlens-tests-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    settings = {
+        "jax_compilation_cache_dir": folder,
+        "jax_persistent_cache_min_compile_time_secs": 0.0,
+        "jax_persistent_cache_min_entry_size_bytes": -1,
+    }
+    for name, value in settings.items():
+        jax.config.update(name, value)  # this process has imported JAX already
+        os.environ[name.upper()] = str(value)
 
 
 @pytest.fixture(autouse=True)

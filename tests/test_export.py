@@ -46,8 +46,6 @@ def assert_same(result, expected):
     ("function", "lens", "frame", "image_dtype"),
     [
         (jl.undistort_image, RADIAL, None, "uint8"),
-        (jl.undistort_image, RADIAL, None, "float32"),
-        (jl.undistort_image, BROWN, FRAME, "uint8"),
         (jl.undistort_image, BROWN, FRAME, "float32"),
         (jl.distort_image, PINCUSHION, FRAME, "float32"),
     ],

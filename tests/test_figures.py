@@ -5,7 +5,8 @@ import PIL.Image
 import pytest
 from matplotlib.figure import Figure
 
-from jaxlens.figures.style import VERMILLION, WIDTH, new_figure, save, style
+from jaxlens.figures.palette import VERMILLION, WIDTH
+from jaxlens.figures.style import new_figure, save, style
 
 
 def drawn(what: str) -> Figure:

@@ -655,8 +655,11 @@ def test_options_are_keyword_only_and_required(x32):
         metrics.mse(IMAGE, IMAGE, np.ones((12, 13), bool))
 
 
-@pytest.mark.parametrize("rows", [1, 5, 10, 11, 17, 39, 40, 41, None])
-@pytest.mark.parametrize("dtype", [np.uint8, np.float32, np.float64])
+# How rows are cut does not depend on the dtype.
+@pytest.mark.parametrize(
+    ("rows", "dtype"),
+    [(rows, np.uint8) for rows in (1, 5, 10, 11, 17, 39, 40, 41, None)] + [(17, np.float32), (17, np.float64)],
+)
 def test_strips_give_the_same(rows, dtype):
     rng = np.random.default_rng(3)
     reference = (200 * rng.random((40, 23, 3))).astype(dtype)

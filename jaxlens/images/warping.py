@@ -18,7 +18,7 @@ from jaxlens.warping import warp as warp_array
 
 # Large pictures are made in strips of about so many pixels, and at least so many rows, so that what is computed on the
 # way (some 100 bytes a pixel) does not grow with them.
-_STRIP_PIXELS = 2**24
+_STRIP_PIXELS = 2**22
 _STRIP_ROWS = 16
 
 

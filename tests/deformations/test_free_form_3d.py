@@ -49,7 +49,7 @@ def test_the_sum_and_its_inverse(x64, degrees):
 
 
 def test_outside_nothing_moves(x64):
-    mapping = deformed((2, 3, 1))
+    mapping = deformed((1, 2, 1))
     inside = np.asarray(mapping.contains(AROUND))
     assert 0.1 < inside.mean() < 0.9
     np.testing.assert_array_equal(mapping(AROUND)[~inside], AROUND[~inside])
@@ -88,16 +88,15 @@ def test_freezing(x64):
 
 
 def test_derivatives(x64):
-    mapping = deformed((2, 3, 1))
+    mapping = deformed((1, 2, 1))
     points = jnp.asarray(POINTS[:4])
     forward = mapping.jacobian(points)
-    for column in range(3):
-        step = 1e-6 * np.eye(3)[column][None]
-        differences = (mapping(points + step) - mapping(points - step)) / 2e-6
-        np.testing.assert_allclose(forward[..., column], differences, rtol=0, atol=1e-8)
+    steps = 1e-6 * np.eye(3)[:, None]
+    beyond, before = mapping(points[None, None] + np.stack([steps, -steps]))
+    np.testing.assert_allclose(forward, np.moveaxis(beyond - before, 0, -1) / 2e-6, rtol=0, atol=1e-8)
     np.testing.assert_allclose(mapping.jacobian_determinant(points), np.linalg.det(forward), rtol=1e-12)
     target = mapping(points)
-    found = jax.vmap(jax.jacrev(lambda point: mapping.invert(point).points))(target)
+    found = jax.jit(jax.vmap(jax.jacrev(lambda point: mapping.invert(point).points)))(target)
     np.testing.assert_allclose(found, np.linalg.inv(forward), rtol=0, atol=1e-10)
 
 
