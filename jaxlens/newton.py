@@ -321,14 +321,15 @@ def _solve_carefully(
         left = value - target
         may = allowed(candidate, determinant(slopes))
         lower = _size(left) < _size(residual)
-        take = may & lower & ~done
+        refused = ~(may & lower)
+        take = ~refused & ~done
         step = _size(candidate - x)
         x = jnp.where(take[..., None], candidate, x)
         residual = jnp.where(take[..., None], left, residual)
         jacobian = jnp.where(take[..., None, None], slopes, jacobian)
         # An accepted step earns a bolder one, a refused one a more careful one; at the smallest nothing helps.
-        damping = jnp.where(may & lower, jnp.minimum(1.0, 4 * damping), damping / 4)
-        done = done | (_size(residual) <= rounding(x)) | (damping < 1) & (step <= standstill(x))
+        damping = jnp.where(refused, damping / 4, jnp.minimum(1.0, 4 * damping))
+        done = done | (_size(residual) <= rounding(x)) | (damping < 1) & refused & (step <= standstill(x))
         return count + 1, x, residual, jacobian, damping, done
 
     value, jacobian = value_and_jacobian(function, start)

@@ -82,13 +82,15 @@ def find_region(distort: PlaneMap, center: Float[Array, "2"]) -> Region:
     rays, shares = jnp.asarray(_rays(), dtype), jnp.asarray(np.linspace(0, 1, _PLACES), dtype)
     low, high = (jnp.full(_DIRECTIONS, radius, dtype) for radius in (_NEAREST, _FARTHEST))
 
-    def narrow(_, bracket):
+    def narrow(look, bracket):
         low, high, folds = bracket
         radii = low[:, None] * (high / low)[:, None] ** shares[None]
         regular = determinant(value_and_jacobian(distort, _along(center, rays[:, None], radii))[1]) > 0
-        first = jnp.argmin(regular, axis=1)  # zero, too, if there is none
+        found = ~jnp.all(regular, axis=1)
+        # A later look may miss, by rounding, the end that an earlier one has found.
+        first = jnp.where(found, jnp.argmin(regular, axis=1), _PLACES - 1)
         ends = (jnp.take_along_axis(radii, jnp.maximum(first + k, 0)[:, None], axis=1)[:, 0] for k in (-1, 0))
-        return *ends, folds & ~jnp.all(regular, axis=1)
+        return *ends, jnp.where(look == 0, found, folds)
 
     low, _, folds = lax.fori_loop(0, _ROUNDS, narrow, (low, high, jnp.ones(_DIRECTIONS, bool)))
     offset = distort(_along(center, rays, low)) - distort(center)[None]
