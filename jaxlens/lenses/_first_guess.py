@@ -15,7 +15,7 @@ _TO_COEFFICIENTS = np.linalg.inv(np.vander(_NODES))
 # Bisections, of a bracket that is this much wider than the radius itself to both sides.
 _BISECTIONS, _WIDTH = 24, 1024
 # Radii farther than this many means from the centre are taken for outliers: others have the better guesses.
-_FARTHEST = 4
+_FARTHEST = 6
 
 
 def first_guess(
@@ -32,7 +32,9 @@ def first_guess(
         edge: The observed radius there.
         targets: Observed radii, finite, for which guesses are wanted.
     """
-    reach = jnp.minimum(jnp.max(targets, initial=0), _FARTHEST * jnp.mean(targets))
+    # The harmonic mean of 1 + r, which no outlier moves far.
+    mean = 1 / jnp.mean(1 / (1 + targets)) - 1
+    reach = jnp.minimum(jnp.max(targets, initial=0), _FARTHEST * mean)
     reach = jnp.where(reach > 0, jnp.minimum(reach, edge), jnp.minimum(1, edge))
     end = jnp.where(jnp.isfinite(edge), edge, 2 * reach)
 
