@@ -21,7 +21,7 @@ from jaxlens.experiments import (
     Value,
     plain_table,
     progress_bar,
-    write_csv,
+    write_rows,
 )
 from jaxlens.files import file_sha256
 
@@ -63,17 +63,15 @@ class BoardsExperiment(Experiment):
         Raises:
             ExperimentError: the corners cannot be read.
         """
-        path = configuration.path.parent / self.corners
+        path = configuration.file(self.corners)
         try:
             names, views = jl.calibrations.read_corners(path)
         except jl.calibrations.CalibrationError as error:
             raise ExperimentError(str(error)) from error
         boards = jl.fitting.Boards.from_views(views)
         width, height = self.image_size
-        table: dict[str, list[Value]] = {name: [] for name in ("model", "parameter", "estimate", "standard_error")}
-        models: dict[str, list[Value]] = {
-            name: [] for name in ("model", "rms", "reference_rms", "held_out_rms", "not_identified", "folds")
-        }
+        table: list[tuple[Value, ...]] = []
+        models: list[tuple[Value, ...]] = []
         fits: list[jl.fitting.Fit] = []
         with progress_bar(progress, self.name, len(self.models)) as advance:
             for model in self.models:
@@ -81,22 +79,16 @@ class BoardsExperiment(Experiment):
                 fits.append(fit)
                 errors = np.asarray(fit.standard_errors)
                 for name, value, error in zip(fit.names, np.asarray(fit.values), errors, strict=True):
-                    for column, entry in zip(table, (model.name, name, value, error), strict=True):
-                        table[column].append(entry)
+                    table.append((model.name, name, value, error))
                 weak = [name for name, flag in zip(fit.names, np.asarray(fit.unidentified), strict=True) if flag]
-                row = (
-                    model.name,
-                    float(fit.rms),
-                    np.nan if model.reference_rms is None else model.reference_rms,
-                    _held_out(model, boards, (width, height), self.held_out),
-                    " ".join(weak) or "none",
-                    "yes" if bool(fit.folds) else "no",
-                )
-                for column, entry in zip(models, row, strict=True):
-                    models[column].append(entry)
+                reference = np.nan if model.reference_rms is None else model.reference_rms
+                held_out = _held_out(model, boards, (width, height), self.held_out)
+                folds = "yes" if bool(fit.folds) else "no"
+                models.append((model.name, float(fit.rms), reference, held_out, " ".join(weak) or "none", folds))
                 advance(1)
-        write_csv(folder, table)
-        write_csv(folder, models, "models.csv")
+        write_rows(folder, ("model", "parameter", "estimate", "standard_error"), table)
+        header = ("model", "rms", "reference_rms", "held_out_rms", "not_identified", "folds")
+        write_rows(folder, header, models, "models.csv")
         _draw(fits[0], boards, names, folder)
         facts = {"file": path.name, "sha256": file_sha256(path), "views": len(views)}
         return Outcome([facts], {}, _report(self, fits, models))
@@ -128,15 +120,12 @@ def _fit(boards: jl.fitting.Boards, *, terms: int, fixed: tuple[str, ...], size:
 def _only(boards: jl.fitting.Boards, views: np.ndarray) -> jl.fitting.Boards:
     """The boards with no weight on the other views: whichever are left out, it is one program."""
     import equinox as eqx
-    import jax.numpy as jnp
 
-    return eqx.tree_at(lambda boards: boards.weights, boards, jnp.where(views[:, None], boards.weights, 0))
+    return eqx.tree_at(lambda boards: boards.weights, boards, np.where(views[:, None], boards.weights, 0))
 
 
 def _held_out(model: BoardModel, boards: jl.fitting.Boards, size: tuple[int, int], every: int) -> float:
     """The RMS over all views, each judged by a calibration without it and those held out with it."""
-    import jax.numpy as jnp
-
     turns = np.arange(boards.observed.shape[0]) % every
     squares = count = 0.0
     for turn in np.unique(turns):
@@ -144,7 +133,7 @@ def _held_out(model: BoardModel, boards: jl.fitting.Boards, size: tuple[int, int
         fit = _calibrate(model, boards, size, ~out)
         assert fit.frame is not None
         judged = jl.fitting.evaluate(fit.lens, fit.frame, _only(boards, out))
-        seen = float(jnp.sum(boards.weights[out]))
+        seen = float(np.sum(np.asarray(boards.weights)[out]))
         squares, count = squares + float(judged.rms) ** 2 * seen, count + seen
     return float(np.sqrt(squares / count))
 
@@ -162,12 +151,12 @@ def _draw(fit: jl.fitting.Fit, boards: jl.fitting.Boards, names: list[str], fold
 
 
 def _report(
-    experiment: BoardsExperiment, fits: list[jl.fitting.Fit], models: dict[str, list[Value]]
+    experiment: BoardsExperiment, fits: list[jl.fitting.Fit], models: list[tuple[Value, ...]]
 ) -> list[RenderableType]:
     header = ["model", "RMS, px", "elsewhere", "held out, px", "not identified", "folds in the picture"]
     rows = [
         [f"{cell:.7f}" if isinstance(cell, float) and np.isfinite(cell) else str(cell) for cell in row]
-        for row in zip(*models.values(), strict=True)
+        for row in models
     ]
     parameters = [
         [name, *("" if name not in fit.names else _estimate(fit, name) for fit in fits)]

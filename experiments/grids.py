@@ -14,7 +14,7 @@ from rich.console import Console
 
 import jaxlens as jl
 from jaxlens import figures
-from jaxlens.experiments import Configuration, Experiment, Outcome, Value, plain_table, write_csv
+from jaxlens.experiments import Configuration, Experiment, Outcome, Value, plain_table, write_rows
 
 if TYPE_CHECKING:
     from jaxtyping import Array
@@ -60,24 +60,20 @@ class GridsExperiment(Experiment):
         size, lines = self.size, self.lines
         straight = straight_picture(lines, size)
         drawn, pictures, names = {}, {}, {}
-        columns: dict[str, list[Value]] = {name: [] for name in _HEADER}
-        rows: list[list[str]] = []
+        table: list[tuple[Value, ...]] = []
         for setting in SETTINGS:
             for k in self.k:
                 curve, raster = bend_of_curve(setting, k, size), bend_of_picture(setting, k, size)
                 drawn[setting, k] = curves(setting, k, lines)
                 pictures[setting, k] = np.asarray(picture(setting, k, straight))
                 names[setting, k] = curve.name
-                values = (setting, k, curve.name, curve.pixels, raster.pixels)
-                for name, value in zip(_HEADER, values, strict=True):
-                    columns[name].append(value)
-                rows.append([setting, f"{k:+g}", curve.name, f"{curve.pixels:+.3f}", f"{raster.pixels:+.3f}"])
-        write_csv(folder, columns)
+                table.append((setting, k, curve.name, curve.pixels, raster.pixels))
+        write_rows(folder, _HEADER, table)
         figures.save(curve_panel(drawn, names, self.k, lines), folder / "grids.svg")
         figures.save(picture_panel(pictures, names, self.k), folder / "rasters.png")
-        title = self.heading
+        rows = [[str(one), f"{k:+g}", str(name), f"{a:+.3f}", f"{b:+.3f}"] for one, k, name, a, b in table]
         header = ["", "k", "distortion", "bend of curve, px", "bend of picture, px"]
-        return Outcome([], {}, [plain_table(title, header, rows)])
+        return Outcome([], {}, [plain_table(self.heading, header, rows)])
 
 
 @dataclass(frozen=True)
@@ -214,9 +210,7 @@ def curve_panel(
 
 
 def picture_panel(
-    pictures: Mapping[tuple[Setting, float], np.ndarray],
-    names: Mapping[tuple[Setting, float], str],
-    k: Sequence[float],
+    pictures: Mapping[tuple[Setting, float], np.ndarray], names: Mapping[tuple[Setting, float], str], k: Sequence[float]
 ) -> Figure:
     """Draws pictures of the grid through the lenses."""
     figure, places = _panel(k, names)

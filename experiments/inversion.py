@@ -73,7 +73,7 @@ class InversionExperiment(Experiment):
         import jax.numpy as jnp
 
         source = load_source(configuration, self.image)
-        pixels = source.pixels if source.pixels.ndim == 2 else source.pixels.mean(axis=-1)
+        pixels = source.gray
         found: list[Recovery] = []
         levels = len(self.point_noise) + len(self.picture_noise)
         with progress_bar(progress, self.name, len(self.kappa) * levels) as advance:

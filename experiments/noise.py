@@ -21,12 +21,12 @@ from jaxlens.experiments import (
     Image,
     Kappa,
     Outcome,
-    Source,
     Value,
     Warp,
     load_source,
     plain_table,
     write_csv,
+    write_rows,
 )
 
 if TYPE_CHECKING:
@@ -88,14 +88,14 @@ class NoiseExperiment(Experiment):
         import jax
 
         source, other_source = (load_source(configuration, image) for image in (self.image, self.other))
-        pixels = _gray(source)
+        pixels = source.gray
         shorter = min(pixels.shape)
         if shorter < max(_LEAST, 2 * self.block):
             raise ConfigError(
                 f"{configuration.path}: block: got {self.block}; the image, of {pixels.shape[0]} rows and "
                 f"{pixels.shape[1]} columns, must hold two such blocks along each side, and {_LEAST} pixels"
             )
-        other = _gray(other_source)
+        other = other_source.gray
         if other.shape != pixels.shape:
             other = np.asarray(jax.image.resize(other, pixels.shape, "linear"))
         kappa = np.asarray([self.kappa], np.float64)
@@ -116,20 +116,13 @@ class NoiseExperiment(Experiment):
                 for column, value in row.items():
                     table.setdefault(column, []).append(value)
         write_csv(folder, table)
-        blocks: dict[str, list[Value]] = {name: [] for name in _BLOCKS}
-        for name, spread in spreads.items():
-            for column, value in zip(_BLOCKS, (name, *_summary(spread, self.block)), strict=True):
-                blocks[column].append(value)
-        write_csv(folder, blocks, "blocks.csv")
+        blocks = [(name, *_summary(spread, self.block)) for name, spread in spreads.items()]
+        write_rows(folder, _BLOCKS, blocks, "blocks.csv")
         figures.save(noise_panel(pixels, source.peak, errors, spreads, names), folder / "noise.jpg")
         figures.save(spread_chart(spreads, names), folder / "spread.svg")
         figures.save(arrangement_panel(pairs, table, names, source.peak), folder / "arrangements.jpg")
         inputs = [source.facts, other_source.facts]
         return Outcome(inputs, {"noise_deviation": deviation}, _report(self, table, spreads, names))
-
-
-def _gray(source: Source) -> np.ndarray:
-    return source.pixels if source.pixels.ndim == 2 else source.pixels.mean(axis=-1)
 
 
 def _summary(spread: Spread, block: int) -> tuple[Value, ...]:

@@ -50,8 +50,6 @@ class PanelsExperiment(Experiment):
 
     def run(self, configuration: Configuration, folder: Path, progress: Console) -> Outcome:
         """Carries out the experiment."""
-        import jax.numpy as jnp
-
         source = load_source(configuration, self.image)
         kappa = np.asarray(self.kappa, np.float64)
         height, width = source.pixels.shape[:2]
@@ -59,7 +57,7 @@ class PanelsExperiment(Experiment):
         counts = []
         with progress_bar(progress, self.name, len(kappa)) as advance:
             for one in kappa:
-                lens = jl.RadialPolynomial(jnp.asarray(one, source.pixels.dtype))
+                lens = jl.RadialPolynomial(one.astype(source.pixels.dtype))
                 counts.append(
                     np.asarray(jl.diagnostics.multiplicity(jl.distortion_map(lens, height, width), height, width))
                 )
@@ -78,8 +76,7 @@ class PanelsExperiment(Experiment):
             + [f"{int(column[index]):,}".replace(",", " ") for column in columns.values()]
             for index, one in enumerate(kappa)
         ]
-        title = self.heading
-        report = plain_table(title, ["κ", *(name.replace("_", "\n") for name in columns)], rows)
+        report = plain_table(self.heading, ["κ", *(name.replace("_", "\n") for name in columns)], rows)
         return Outcome([source.facts], {}, [report])
 
 

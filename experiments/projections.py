@@ -25,6 +25,7 @@ from jaxlens.experiments import (
     load_source,
     plain_table,
     write_csv,
+    write_rows,
 )
 
 if TYPE_CHECKING:
@@ -93,7 +94,7 @@ class ProjectionsExperiment(Experiment):
             ConfigError: the image is too small for the window or the displacements.
         """
         source = load_source(configuration, self.image)
-        pixels = source.pixels if source.pixels.ndim == 2 else source.pixels.mean(axis=-1)
+        pixels = source.gray
         shorter = min(pixels.shape)
         if self.window > shorter or self.largest >= shorter - 2:
             raise ConfigError(
@@ -104,22 +105,14 @@ class ProjectionsExperiment(Experiment):
         for k in self.k:
             pictures[k], seen = distorted(pixels, k, self.warp)
             found[k] = profiles(
-                pixels,
-                pictures[k],
-                seen,
-                k,
-                window=self.window,
-                largest=self.largest,
-                least_score=self.least_score,
+                pixels, pictures[k], seen, k, window=self.window, largest=self.largest, least_score=self.least_score
             )
-        columns: dict[str, list[Value]] = {name: [] for name in _HEADER}
+        table: list[tuple[Value, ...]] = []
         rows: list[list[str]] = []
         for k, both in found.items():
             for axis, profile in both.items():
-                row = (k, kind_of(k), axis, *_summary(profile))
-                for name, value in zip(_HEADER, row, strict=True):
-                    columns[name].append(value)
-                change, measured, least, most, error, near = row[3:]
+                change, measured, least, most, error, near = summary = _summary(profile)
+                table.append((k, kind_of(k), axis, *summary))
                 rows.append(
                     [
                         f"{k:+g} {kind_of(k)}",
@@ -131,7 +124,7 @@ class ProjectionsExperiment(Experiment):
                         f"{100 * near:.0f} %",
                     ]
                 )
-        write_csv(folder, columns)
+        write_rows(folder, _HEADER, table)
         for axis in AXES:
             write_csv(folder, _elements(axis, found), f"profiles_{axis}.csv")
         names = {k: f"k = {k:+g}: {kind_of(k)}".replace("-", "−") for k in self.k}
@@ -205,11 +198,9 @@ def distorted(
     pixels: Float[np.ndarray, "height width"], k: float, warp: Warp
 ) -> tuple[Float[np.ndarray, "height width"], Bool[np.ndarray, "height width"]]:
     """Returns the picture that Section 2.4 makes, 1 + k r² taking output to source, and which pixels have a source."""
-    import jax.numpy as jnp
-
     lens, (height, width) = _lens(k, pixels), pixels.shape
     picture = jl.undistort_image(
-        jnp.asarray(pixels), lens, method=warp.method, border=warp.border, fill=warp.fill, antialias=warp.antialias
+        pixels, lens, method=warp.method, border=warp.border, fill=warp.fill, antialias=warp.antialias
     )
     x, y = np.moveaxis(np.asarray(jl.undistortion_map(lens, height, width)), -1, 0)
     # Further out the border's value would be mixed in.
@@ -269,9 +260,7 @@ def _expected(pixels: Float[np.ndarray, "height width"], k: float, window: int) 
 
 
 def _lens(k: float, pixels: Float[np.ndarray, "height width"]) -> jl.RadialPolynomial:
-    import jax.numpy as jnp
-
-    return jl.RadialPolynomial(jnp.asarray([k], pixels.dtype))
+    return jl.RadialPolynomial(np.asarray([k], pixels.dtype))
 
 
 def projection_panel(

@@ -26,13 +26,14 @@ from jaxlens.experiments import (
     new_table,
     paper,
     progress_bar,
-    write_csv,
+    write_rows,
 )
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _KAPPA = np.array([row.kappa for row in paper.TABLE_1])
+_SCORES = (*paper.METRICS, "coverage")
 # The lens whose pictures are shown.
 _SHOWN = 1
 _MARKS: dict[Reading, tuple[str, str]] = {
@@ -78,10 +79,8 @@ class ReadingsExperiment(Experiment):
         """Carries out the experiment: `table.csv` has the distances to Table 1, `scores.csv` what they come from."""
         sources = [load_source(configuration, image) for image in self.images]
         psnr: Psnr = {source.label: {} for source in sources}
-        scores: dict[str, list[Value]] = {
-            name: [] for name in ("image", "reading", "kappa1", "kappa2", *paper.METRICS, "coverage")
-        }
-        table: dict[str, list[Value]] = {name: [] for name in ("image", "reading", "psnr_distance", "snr_distance")}
+        scores: list[tuple[Value, ...]] = []
+        table: list[tuple[str, Reading, float, float]] = []
         with progress_bar(progress, self.name, len(sources) * len(READINGS)) as advance:
             for source in sources:
                 for reading in READINGS:
@@ -95,11 +94,13 @@ class ReadingsExperiment(Experiment):
                     )
                     advance(1)
                     psnr[source.label][reading] = found["psnr"]
-                    _extend(scores, source.label, reading, found)
-                    for name, value in zip(table, (source.label, reading, *_distances(found)), strict=True):
-                        table[name].append(value)
-        write_csv(folder, table)
-        write_csv(folder, scores, "scores.csv")
+                    values = zip(*(found[name] for name in _SCORES), strict=True)
+                    for kappa, row in zip(_KAPPA, values, strict=True):
+                        scores.append((source.label, reading, *kappa, *row))
+                    snr = paper.distance(list(found["snr"]), [row.snr for row in paper.TABLE_1])
+                    table.append((source.label, reading, _distance(found["psnr"]), snr))
+        write_rows(folder, ("image", "reading", "psnr_distance", "snr_distance"), table)
+        write_rows(folder, ("image", "reading", "kappa1", "kappa2", *_SCORES), scores, "scores.csv")
         distances: dict[Reading, list[float]] = {
             reading: [_distance(psnr[source.label][reading]) for source in sources] for reading in READINGS
         }
@@ -108,17 +109,6 @@ class ReadingsExperiment(Experiment):
         figures.save(psnr_chart(psnr), folder / "psnr.svg")
         figures.save(_pictures(sources[0], self), folder / "pictures.jpg")
         return Outcome([source.facts for source in sources], {}, _report(self.heading, labels, psnr, table))
-
-
-def _extend(scores: dict[str, list[Value]], label: str, reading: Reading, found: dict[str, np.ndarray]) -> None:
-    for index, (kappa1, kappa2) in enumerate(_KAPPA):
-        values = (label, reading, kappa1, kappa2, *(found[name][index] for name in (*paper.METRICS, "coverage")))
-        for name, value in zip(scores, values, strict=True):
-            scores[name].append(value)
-
-
-def _distances(found: dict[str, np.ndarray]) -> tuple[float, float]:
-    return _distance(found["psnr"]), paper.distance(list(found["snr"]), [row.snr for row in paper.TABLE_1])
 
 
 def _distance(psnr: np.ndarray) -> float:
@@ -133,12 +123,14 @@ def _pictures(source: Source, experiment: ReadingsExperiment) -> Figure:
     return reading_panel(source.pixels, pictures, _KAPPA[_SHOWN], source.peak)
 
 
-def _report(title: str, labels: list[str], psnr: Psnr, table: dict[str, list[Value]]) -> list[RenderableType]:
+def _report(
+    title: str, labels: list[str], psnr: Psnr, table: list[tuple[str, Reading, float, float]]
+) -> list[RenderableType]:
     shown = new_table(title)
     shown.add_column("distance to Table 1, dB\nPSNR (SNR)")
     for reading in READINGS:
         shown.add_column(reading, justify="right")
-    pairs = {(image, reading): (float(a), float(b)) for image, reading, a, b in zip(*table.values(), strict=True)}
+    pairs = {(image, reading): (a, b) for image, reading, a, b in table}
     nearest = []
     for label in labels:
         row = [pairs[label, reading] for reading in READINGS]

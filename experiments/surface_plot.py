@@ -10,7 +10,7 @@ from pydantic import Field
 from rich.console import Console
 
 from jaxlens import figures
-from jaxlens.experiments import Configuration, Experiment, Image, Outcome, Value, load_source, plain_table, write_csv
+from jaxlens.experiments import Configuration, Experiment, Image, Outcome, Value, load_source, plain_table, write_rows
 
 _HEADER = ("heights", "least", "greatest", "mean", "standard_deviation", "steepest_per_px")
 
@@ -54,17 +54,12 @@ class SurfacePlotExperiment(Experiment):
             elevation=self.elevation,
         )
         figures.save(figure, folder / "surface.jpg")
-        gray = np.asarray(source.pixels, np.float64)
-        gray = gray.mean(axis=-1) if gray.ndim == 3 else gray
-        columns: dict[str, list[Value]] = {name: [] for name in _HEADER}
+        gray = np.asarray(source.gray, np.float64)
+        table: list[tuple[Value, ...]] = []
         for name, heights in (("gray values", gray), ("smoothed", figures.smoothed(gray, self.smoothing))):
             steps = [np.abs(np.diff(heights, axis=axis)).max(initial=0.0) for axis in (0, 1)]
-            row = (name, heights.min(), heights.max(), heights.mean(), heights.std(), max(steps))
-            for column, value in zip(_HEADER, row, strict=True):
-                columns[column].append(value)
-        write_csv(folder, columns)
-        rows = [
-            [str(row[0]), *(f"{float(value):.2f}" for value in row[1:])] for row in zip(*columns.values(), strict=True)
-        ]
+            table.append((name, heights.min(), heights.max(), heights.mean(), heights.std(), max(steps)))
+        write_rows(folder, _HEADER, table)
+        rows = [[str(row[0]), *(f"{float(value):.2f}" for value in row[1:])] for row in table]
         header = ["gray levels", "least", "greatest", "mean", "standard\ndeviation", "steepest step\nto a neighbour"]
         return Outcome([source.facts], {}, [plain_table(self.heading, header, rows)])

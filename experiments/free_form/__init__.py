@@ -28,6 +28,7 @@ from jaxlens.experiments import (
     plain_table,
     progress_bar,
     write_csv,
+    write_rows,
 )
 
 if TYPE_CHECKING:
@@ -115,24 +116,21 @@ class FreeFormExperiment(Experiment):
         still = lattice_of(region, self.degrees, self.dtype)
         free = moved(still, self.moves)
         found: dict[str, Deformed] = {}
-        lattice: dict[str, list[Value]] = {name: [] for name in _LATTICE}
+        lattice: list[tuple[Value, ...]] = []
         with progress_bar(progress, self.name, 1 + len(self.continuity)) as advance:
             for order in (None, *self.continuity):
                 mapping = free if order is None else free.freeze(order)
                 name = _name(order)
                 found[name] = deform(source.pixels, mapping, self.warp)
                 frozen = np.zeros(mapping.control_points.shape[:2], bool) if order is None else free.frozen(order)
-                for row in _control_points(name, still.control_points, found[name], frozen):
-                    for column, value in zip(_LATTICE, row, strict=True):
-                        lattice[column].append(value)
+                lattice += _control_points(name, still.control_points, found[name], frozen)
                 advance(1)
         names = list(next(iter(found.values())).measures)
         columns = {name: [one.measures[name] for one in found.values()] for name in names}
         write_csv(folder, {"border": list(found)} | columns)
-        write_csv(folder, lattice, "lattice.csv")
-        figures.save(
-            panels.lattice_panel(source.pixels, source.peak, still, found[_name(None)]), folder / "lattice.jpg"
-        )
+        write_rows(folder, _LATTICE, lattice, "lattice.csv")
+        lattice_panel = panels.lattice_panel(source.pixels, source.peak, still, found[_name(None)])
+        figures.save(lattice_panel, folder / "lattice.jpg")
         figures.save(panels.continuity_panel(source.peak, still, found), folder / "continuity.jpg")
         header = ["", *found]
         rows = [
@@ -246,12 +244,7 @@ def _at_pixels(image: Array, mapping: jl.deformations.FreeForm, *, warp: Warp) -
     inside = mapping.contains(pixels)
     return {
         "picture": jl.remap(
-            image,
-            inverse.masked(),
-            method=warp.method,
-            border=warp.border,
-            fill=warp.fill,
-            antialias=warp.antialias,
+            image, inverse.masked(), method=warp.method, border=warp.border, fill=warp.fill, antialias=warp.antialias
         ),
         "inside": inside,
         "displacement": _length(mapping(pixels) - pixels),

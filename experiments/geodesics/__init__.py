@@ -156,11 +156,7 @@ def _report(
             errors.append([name, f"{mean:.2e}", f"{largest:.2e}", f"{order:.2f}" if index else ""])
     x, y = found.source
     return [
-        plain_table(
-            experiment.heading,
-            [f"way, in {unit}", "planar", "radial", "geodesic", "radial longer"],
-            rows,
-        ),
+        plain_table(experiment.heading, [f"way, in {unit}", "planar", "radial", "geodesic", "radial longer"], rows),
         Text(
             f"Nose tip at pixel ({x:.2f}, {y:.2f}). Over all pixels the radial distance is "
             f"{100 * (float(str(facts['radial_over_geodesic_mean'])) - 1):.2f} % longer than the shortest one in the "

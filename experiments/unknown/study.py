@@ -17,6 +17,7 @@ from jaxlens.experiments import (
     plain_table,
     progress_bar,
     write_csv,
+    write_rows,
 )
 from jaxlens.figures import save
 
@@ -28,6 +29,8 @@ from .search import HYPOTHESES, KAPPA, LABELS, TRUSTED, Found, Hypothesis, Searc
 
 # Pictures shown of each reading, and those of them that are changed until they meet the table.
 _SHOWN, _CHANGED = 3, 2
+_FIGURES = ("reading", "exchanged", "figure", "paper", "ours", "difference_db")
+_PARAMETERS = ("reading", "exchanged", "picture", "rms_db", "parameter", "estimate", "standard_error", "narrowed_to")
 
 Best = dict[Hypothesis, list[Found]]
 
@@ -66,8 +69,8 @@ def study(experiment: UnknownExperiment, folder: Path, progress: Console) -> Out
     again: dict[Reading, np.ndarray] = {
         reading: _measured_again(several[0][0], reading, experiment.dtype) for reading, several in pictures.items()
     }
-    write_csv(folder, _figures(best))
-    write_csv(folder, _parameters(best, experiment.noise), "parameters.csv")
+    write_rows(folder, _FIGURES, _figures(best))
+    write_rows(folder, (*_PARAMETERS, "at_bound"), _parameters(best, experiment.noise), "parameters.csv")
     write_csv(folder, _profile(experiment.profile, profiles), "profiles.csv")
     save(picture_panel(pictures), folder / "pictures.jpg")
     save(residual_chart(nearest, experiment.noise), folder / "residuals.svg")
@@ -97,42 +100,27 @@ def _measured_again(picture: np.ndarray, reading: Reading, dtype: str) -> np.nda
     return 20 * np.log10(ours / goal(False))
 
 
-def _figures(best: Best) -> dict[str, list[Value]]:
-    columns: dict[str, list[Value]] = {
-        name: [] for name in ("reading", "exchanged", "figure", "paper", "ours", "difference_db")
-    }
-    for hypothesis, (first, *_) in best.items():
-        theirs = goal(hypothesis.exchanged)
-        for label, paper_value, ours, difference in zip(LABELS, theirs, first.measures, first.residuals, strict=True):
-            row = (hypothesis.reading, _yes(hypothesis.exchanged), label, paper_value, ours, difference)
-            for name, value in zip(columns, row, strict=True):
-                columns[name].append(value)
-    return columns
+def _figures(best: Best) -> list[tuple[Value, ...]]:
+    return [
+        (one.reading, _yes(one.exchanged), *row)
+        for one, (first, *_) in best.items()
+        for row in zip(LABELS, goal(one.exchanged), first.measures, first.residuals, strict=True)
+    ]
 
 
-def _parameters(best: Best, noise: float) -> dict[str, list[Value]]:
-    names = ("reading", "exchanged", "picture", "rms_db", "parameter", "estimate", "standard_error", "narrowed_to")
-    columns: dict[str, list[Value]] = {name: [] for name in (*names, "at_bound")}
+def _parameters(best: Best, noise: float) -> list[tuple[Value, ...]]:
     *_, lower, upper = bounds()
+    rows: list[tuple[Value, ...]] = []
     for hypothesis, several in best.items():
         for number, one in enumerate(several, 1):
+            picture = (hypothesis.reading, _yes(hypothesis.exchanged), number, one.rms)
             known = one.knowledge(noise)
             at_bound = (one.parameters <= lower) | (one.parameters >= upper)
-            for index, parameter in enumerate(PARAMETERS):
-                row = (
-                    hypothesis.reading,
-                    _yes(hypothesis.exchanged),
-                    number,
-                    one.rms,
-                    parameter.name,
-                    one.parameters[index],
-                    known.standard_errors[index],
-                    known.narrowed[index],
-                    _yes(bool(at_bound[index])),
-                )
-                for name, value in zip(columns, row, strict=True):
-                    columns[name].append(value)
-    return columns
+            for parameter, *values, bound in zip(
+                PARAMETERS, one.parameters, known.standard_errors, known.narrowed, at_bound, strict=True
+            ):
+                rows.append((*picture, parameter.name, *values, _yes(bool(bound))))
+    return rows
 
 
 def _profile(views: list[float], profiles: dict[Reading, list[Found]]) -> dict[str, list[Value]]:

@@ -28,3 +28,4 @@ from .sweep.scoring import score_lenses as score_lenses
 from .tables import Value as Value
 from .tables import kappa_columns as kappa_columns
 from .tables import write_csv as write_csv
+from .tables import write_rows as write_rows

@@ -116,7 +116,8 @@ def _place_of(error: BaseException, folder: Path) -> str:
     else:
         places = [(frame.filename, frame.lineno) for frame in traceback.extract_tb(error.__traceback__)]
     inside = [(Path(path), line) for path, line in places if Path(path).is_relative_to(folder)]
-    path, line = inside[-1]
+    # There is none where a file cannot be compiled, as with null bytes.
+    path, line = inside[-1] if inside else (folder, 1)
     return f"{path.relative_to(folder)}, line {line}"
 
 
@@ -127,14 +128,14 @@ def _names_beside(folder: Path) -> list[str]:
 
 def _source_beside(folder: Path, module: str) -> Source | None:
     package, *parts = module.split(".")
-    path = _file_beside(folder, *parts) if package == _BESIDE and parts else None
+    path = _file_beside(folder, *parts, links=True) if package == _BESIDE and parts else None
     return None if path is None else Source.read(path)
 
 
-def _file_beside(folder: Path, *parts: str) -> Path | None:
-    """The file of a module in a folder; None if there is none, or if it is a link to elsewhere."""
+def _file_beside(folder: Path, *parts: str, links: bool = False) -> Path | None:
+    """The file of a module in a folder, as Python finds it; None if there is none, or only a link."""
     place = folder.resolve()
     for file in (Path(*parts, "__init__.py"), Path(*parts).with_suffix(".py")):
-        if (place / file).is_file() and (place / file).resolve() == place / file:
+        if (place / file).is_file() and (links or (place / file).resolve() == place / file):
             return folder / file
     return None

@@ -91,15 +91,20 @@ def _modules(full_name: str, read: Read) -> Iterator[str]:
 @cache
 def _used(module: str, source: Source) -> set[str]:
     """Full names of all that a module imports; where it uses something of that by name, the longer names."""
-    bindings, tree = _bindings(module, source), _parse(source)
-    inner = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+    bindings, nodes = _bindings(module, source), _nodes(source)
+    inner = {id(node.value) for node in nodes if isinstance(node, ast.Attribute)}
     used, seen = set[str](), set[str]()
-    for node in ast.walk(tree):
-        # As long as it is written, `a.b.c`; what is taken of a call, `a.b().c`, is its own name and the call's.
-        if isinstance(node, ast.Name | ast.Attribute) and id(node) not in inner and "(" not in ast.unparse(node):
-            local, dot, attributes = ast.unparse(node).partition(".")
-            used |= {name + dot + attributes for name in bindings.get(local, ())}
-            seen.add(local)
+    for node in nodes:
+        if id(node) in inner:
+            continue
+        # As long as it is written: `a.b.c`.
+        attributes: list[str] = []
+        while isinstance(node, ast.Attribute):
+            attributes.insert(0, node.attr)
+            node = node.value
+        if isinstance(node, ast.Name) and node.id in bindings:
+            used |= {".".join([name, *attributes]) for name in bindings[node.id]}
+            seen.add(node.id)
     return used | {name for local in bindings.keys() - seen for name in bindings[local]}
 
 
@@ -107,7 +112,7 @@ def _used(module: str, source: Source) -> set[str]:
 def _bindings(module: str, source: Source) -> dict[str, set[str]]:
     """Local names and the full names that they are imported from; one may mean several, in several functions."""
     found = defaultdict[str, set[str]](set)
-    for node in ast.walk(_parse(source)):
+    for node in _nodes(source):
         if isinstance(node, ast.Import):
             for alias in node.names:
                 first = alias.name.partition(".")[0]
@@ -122,9 +127,9 @@ def _bindings(module: str, source: Source) -> dict[str, set[str]]:
 
 
 @cache
-def _parse(source: Source) -> ast.Module:
+def _nodes(source: Source) -> list[ast.AST]:
     try:
-        return ast.parse(source.text)
-    except SyntaxError:
+        return list(ast.walk(ast.parse(source.text)))
+    except (SyntaxError, ValueError):
         # Said where it is imported.
-        return ast.Module([], [])
+        return []

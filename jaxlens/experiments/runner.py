@@ -83,11 +83,7 @@ def run(
         with jax.enable_x64(experiment.dtype == "float64"), style():
             outcome = experiment.run(configuration, temporary, progress)
         manifest = write_manifest(
-            temporary,
-            configuration,
-            input_files=input_files,
-            inputs=outcome.inputs,
-            facts=outcome.facts,
+            temporary, configuration, input_files=input_files, inputs=outcome.inputs, facts=outcome.facts
         )
         record = write_record(temporary, configuration, seconds=time.perf_counter() - begin)
     for renderable in outcome.report:

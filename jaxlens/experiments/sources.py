@@ -36,6 +36,11 @@ class Source:
     peak: float
     facts: dict[str, object]
 
+    @property
+    def gray(self) -> Float[np.ndarray, "height width"]:
+        """The pixels, their channels averaged."""
+        return self.pixels if self.pixels.ndim == 2 else self.pixels.mean(axis=-1)
+
 
 def load_source(configuration: Configuration, image: Image) -> Source:
     """Reads or makes an image as the configuration says.

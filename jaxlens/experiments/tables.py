@@ -16,6 +16,11 @@ def write_csv(folder: Path, columns: Mapping[str, Sequence[Value] | np.ndarray],
     (folder / name).write_text(csv_text(columns), encoding="utf-8", newline="")
 
 
+def write_rows(folder: Path, names: Sequence[str], rows: Sequence[Sequence[Value]], name: str = "table.csv") -> None:
+    """Writes rows to a CSV file of a folder, under the names of their columns."""
+    write_csv(folder, {one: [row[index] for row in rows] for index, one in enumerate(names)}, name)
+
+
 def csv_text(columns: Mapping[str, Sequence[Value] | np.ndarray]) -> str:
     """Returns columns as CSV, with a header, numbers to nine significant digits, lines ended by a newline."""
     buffer = io.StringIO()

@@ -17,13 +17,7 @@ from jaxlens.figures.contours import contour_lines
 from jaxlens.figures.palette import MUTED, WIDTH
 from jaxlens.figures.pictures import place
 from jaxlens.figures.style import bare, new_figure, plain
-from jaxlens.surfaces import (
-    DepthMap,
-    geodesic_distance,
-    nose_tip,
-    radial_geodesic_distance,
-    shade,
-)
+from jaxlens.surfaces import DepthMap, geodesic_distance, nose_tip, radial_geodesic_distance, shade
 
 _TITLE, _GAP, _MARGIN, _BAR = 0.44, 0.08, 0.05, 0.95
 _TITLES = (

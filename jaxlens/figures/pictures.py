@@ -83,10 +83,5 @@ def place(figure: Figure, left: float, top: float, width: float, height: float) 
     """Adds axes at a place in inches from the figure's upper left corner."""
     whole_width, whole_height = figure.get_size_inches()
     return figure.add_axes(
-        (
-            left / whole_width,
-            1 - (top + height) / whole_height,
-            width / whole_width,
-            height / whole_height,
-        )
+        (left / whole_width, 1 - (top + height) / whole_height, width / whole_width, height / whole_height)
     )

@@ -121,6 +121,7 @@ def test_results_are_stale_when_a_module_that_ran_has_changed_and_not_when_anoth
         ("square.py", "import no_such_library\n", "mine/square.py, line 1: ModuleNotFoundError"),
         ("square.py", "raise SystemExit(3)\n", "mine/square.py, line 1: SystemExit: 3"),
         ("numbers.py", "\n\nside = none\n", "mine/numbers.py, line 3: NameError: name 'none'"),
+        ("square.py", "\0", "mine.*: .*null bytes"),
         ("square.py", "x = 1\n", "mine/square.py: must define one subclass .* and defines none"),
         ("square.py", KIND + "class Other(Experiment): ...\n", "defines Square, Other"),
         ("square.py", "\xff", None),
