@@ -162,7 +162,7 @@ def _correlation(
     inside: Bool[Array, "shifts length"],
     sums: Callable[[Array], Array],
 ) -> Float[Array, "shifts columns"]:
-    """Normalized cross-correlations of what lies inside, −∞ where one of the two has no contrast."""
+    """Returns normalized cross-correlations of what lies inside, −∞ where one of the two has no contrast."""
     count = jnp.maximum(sums(inside.astype(fixed.dtype)), 1)
     mean_fixed, mean_moved = sums(fixed) / count, sums(moved) / count
     square_fixed, square_moved = sums(fixed**2), sums(moved**2)

@@ -326,14 +326,14 @@ def _blocks(poses: Poses) -> Float[Array, "views 6"]:
 
 
 def _parallel(poses: Poses) -> Array:
-    """Whether all boards are parallel to each other: together they then say no more about the camera than one."""
+    """Tells whether all boards are parallel to each other: together they then say no more about the camera than one."""
     normals = poses.rotations()[:, :, 2]
     sines = jnp.linalg.norm(jnp.cross(normals[:, None], normals[None]), axis=-1)
     return jnp.max(sines) < _PARALLEL
 
 
 def _folds(lens: Lens, frame: Frame, size: Array) -> Array:
-    """Whether some point of the picture's border has no preimage, or one beyond a fold."""
+    """Tells whether some point of the picture's border has no preimage, or one beyond a fold."""
     steps = jnp.linspace(0, 1, 33, dtype=size.dtype)
     zero, one = jnp.zeros_like(steps), jnp.ones_like(steps)
     border = jnp.concatenate(

@@ -13,7 +13,7 @@ from jaxlens.metrics.table import METRICS, Metric
 def evaluate(
     reference: Image, image: Image, *, data_range: RealScalar, mask: Mask | None = None
 ) -> dict[str, Float[Array, ""]]:
-    """Every metric of the table `METRICS` at once, each with its defaults.
+    """Computes every metric of the table `METRICS`, each with its defaults.
 
     Args:
         reference: `(H, W)` or `(H, W, C)`, any real dtype.
