@@ -6,8 +6,8 @@ from functools import partial
 import jax
 from jaxtyping import Array, Float
 
-from jaxlens.metrics.inputs import Image, Mask, RealScalar, check_data_range, check_images
-from jaxlens.metrics.table import METRICS, Metric
+from jaxlens.metrics._inputs import Image, Mask, RealScalar, check_data_range, check_images
+from jaxlens.metrics._table import METRICS, Metric
 
 
 def evaluate(

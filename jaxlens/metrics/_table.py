@@ -7,11 +7,11 @@ from functools import partial
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxlens.metrics.decibels import decibels
-from jaxlens.metrics.inputs import Image, Mask, RealScalar
-from jaxlens.metrics.pointwise import mae, minkowski, mse, psnr, range_snr, rmse, snr
-from jaxlens.metrics.structural import SSIM_SIGMA, UQI_WINDOW, gaussian_size, ssim, uqi
-from jaxlens.metrics.totals import MINKOWSKI_P, Totals
+from jaxlens.metrics._decibels import decibels
+from jaxlens.metrics._inputs import Image, Mask, RealScalar
+from jaxlens.metrics._pointwise import mae, minkowski, mse, psnr, range_snr, rmse, snr
+from jaxlens.metrics._structural import SSIM_SIGMA, UQI_WINDOW, gaussian_size, ssim, uqi
+from jaxlens.metrics._totals import MINKOWSKI_P, Totals
 
 
 @dataclass(frozen=True)

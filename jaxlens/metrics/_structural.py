@@ -1,7 +1,7 @@
 """Metrics of local structure: the universal quality index (Section 2.5) and the structural similarity index.
 
 Both compare two images window by window and average over the windows. They follow the rules of
-`jaxlens.metrics.pointwise` on dtypes, and these on windows:
+`jaxlens.metrics`, and these on windows:
 
 - A window counts when it lies wholly inside the image; there is no padding.
 - With a mask, a window counts when, moreover, all its pixels are in the mask: the mask's border is treated as
@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from jaxlens.metrics.inputs import (
+from jaxlens.metrics._inputs import (
     Image,
     Mask,
     RealScalar,
@@ -30,7 +30,7 @@ from jaxlens.metrics.inputs import (
     over_channels,
     pair,
 )
-from jaxlens.metrics.windows import (
+from jaxlens.metrics._windows import (
     Kernel,
     LocalStatistics,
     Planes,

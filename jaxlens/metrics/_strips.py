@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxlens.metrics.inputs import Image, RealScalar, check_data_range, check_images, check_shapes
-from jaxlens.metrics.table import METRICS, Metric
-from jaxlens.metrics.totals import Totals, totals_of, totals_of_all
+from jaxlens.metrics._inputs import Image, RealScalar, check_data_range, check_images, check_shapes
+from jaxlens.metrics._table import METRICS, Metric
+from jaxlens.metrics._totals import Totals, totals_of, totals_of_all
 
 # A strip's samples: some twenty planes of them are in memory at once.
 _SAMPLES = 2**20

@@ -1,17 +1,4 @@
-"""Metrics of the error at each pixel: norms (Eqs. 6 and 7) and their decibels (Eqs. 8 and 12).
-
-All of them share these rules:
-
-- The reference x comes first and the image y second, both `(H, W)` or `(H, W, C)` of any real dtype.
-  Integers and booleans are compared as floats (float64 under x64, else float32), half precision as float32.
-- A colour image counts as H·W·C samples: the mean is over all channels, as the paper says below Eq. 8.
-- `mask` is boolean `(H, W)`, True where a pixel counts. What it hides may be anything, NaN too. A mask that
-  counts no pixel gives NaN. A NaN that counts gives NaN.
-- Shapes that do not fit raise `ValueError`. Numbers such as `data_range` do so when they are known; a traced
-  one that is out of bounds gives NaN instead.
-- All are differentiable in both images, forward and in reverse. Where a metric has a kink or is infinite, its
-  derivative there is 0; the docstrings say where that is.
-"""
+"""Metrics of the error at each pixel: norms (Eqs. 6 and 7) and their decibels (Eqs. 8 and 12)."""
 
 import jax
 import jax.numpy as jnp
@@ -19,8 +6,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from jaxlens.metrics.decibels import decibels
-from jaxlens.metrics.inputs import (
+from jaxlens.metrics._decibels import decibels
+from jaxlens.metrics._inputs import (
     Image,
     Mask,
     Pair,

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxlens.metrics.inputs import RealScalar
-from jaxlens.metrics.pointwise import mae, minkowski, mse
+from jaxlens.metrics._inputs import RealScalar
+from jaxlens.metrics._pointwise import mae, minkowski, mse
 
 MINKOWSKI_P = 4.0
 
