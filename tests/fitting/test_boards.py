@@ -288,7 +288,7 @@ def _calibrate_about(focal_length, coefficients):
     return calibrate(jl.BrownConrady(coefficients), boards, SIZE, camera_matrix=start, fixed=("cx", "cy"))
 
 
-def test_a_fixed_centre_and_a_camera_to_start_from(x64):
+def test_a_fixed_center_and_a_camera_to_start_from(x64):
     """What is fixed stays where it was; near or far, with the lens or without it, the minimum is the same."""
     fit = _calibrate_about(540.0, DISTORTION)
     assert fit.names == ("fx", "fy", "k1", "k2", "p1", "p2", "k3")
