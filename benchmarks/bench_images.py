@@ -10,9 +10,9 @@ from benchmarks import material, peers, truth
 from benchmarks.checks import check, largest_difference
 from jaxlens.sampling import Method
 
-GREY = "largest error inside the picture, grey levels of 255"
+GRAY = "largest error inside the picture, gray levels of 255"
 POSITION = "largest error of the source position inside the picture, pixels"
-# float32 keeps positions near 1000 to 1e-4 pixels, of which the picture makes up to 30 grey levels each.
+# float32 keeps positions near 1000 to 1e-4 pixels, of which the picture makes up to 30 gray levels each.
 LIMIT = 0.01
 # OpenCV 4, and `cv2.undistort` still in 5, round positions to 1/32 pixel.
 OPENCV_LIMIT = 1.0
@@ -40,7 +40,7 @@ def bench_distort_image(race):
     theirs = peers.opencv_distort(image)
     inside = truth.interior(source)
     checks = [
-        check(GREY, _warped(image, source), ours, theirs, limit=LIMIT),
+        check(GRAY, _warped(image, source), ours, theirs, limit=LIMIT),
         check(
             POSITION,
             largest_difference(source[inside], inside),
@@ -59,7 +59,7 @@ def _undistort(race, package, peer, peer_limit, image=None):
     # Integers are rounded: half a level on top.
     rounding = 0.0 if image.dtype == np.float32 else 0.5
     checks = [
-        check(GREY, _warped(image, source), ours, theirs, limit=LIMIT + rounding, peer_limit=peer_limit + rounding)
+        check(GRAY, _warped(image, source), ours, theirs, limit=LIMIT + rounding, peer_limit=peer_limit + rounding)
     ]
     race(ours, theirs, package=package, checks=checks, moved=2 * image.nbytes)
 
@@ -98,7 +98,7 @@ def bench_distort_image_antialiased(race):
     pixels = jnp.asarray(image)
     ours = lambda: jl.distort_image(pixels, _lens(), antialias=True)  # noqa: E731
     # Footprints of up to 1.6 pixels smooth this picture a little; there is no closed form to compare with.
-    checks = [check(f"{GREY}, against no smoothing", _warped(image, source), ours, None, limit=10.0)]
+    checks = [check(f"{GRAY}, against no smoothing", _warped(image, source), ours, None, limit=10.0)]
     race(ours, None, package=None, checks=checks, moved=2 * image.nbytes)
 
 
@@ -109,7 +109,7 @@ def _remap(race, package, peer, peer_limit, *, image=None, method: Method = "bil
     pixels, points = jnp.asarray(image), jnp.asarray(coordinates)
     ours, theirs = lambda: jl.remap(pixels, points, method=method), peer(image, coordinates)
     error = _warped(image, coordinates.astype(np.float64), sample)
-    checks = [check(GREY, error, ours, theirs, limit=LIMIT, peer_limit=peer_limit)]
+    checks = [check(GRAY, error, ours, theirs, limit=LIMIT, peer_limit=peer_limit)]
     race(ours, theirs, package=package, checks=checks, moved=2 * image.nbytes + coordinates.nbytes)
 
 
@@ -159,6 +159,6 @@ def bench_distort_image_batch(race):
         )
         return max(float(np.max(np.abs(found - one))) for found, one in zip(pictures, alone, strict=True))
 
-    checks = [check("largest difference from one at a time, grey levels of 255", error, ours, None, limit=LIMIT)]
+    checks = [check("largest difference from one at a time, gray levels of 255", error, ours, None, limit=LIMIT)]
     moved = material.BATCH * 2 * image.nbytes
     race(ours, single, package="jaxlens", checks=checks, moved=moved, per=material.BATCH)

@@ -166,7 +166,7 @@ def bench_small_batch(race):
     images, kappas = _small_batch()
     pixels, batched = jnp.asarray(images), jax.jit(_undistorted)
     error = check(
-        "largest difference from one at a time, grey levels of 255",
+        "largest difference from one at a time, gray levels of 255",
         lambda found: float(np.max(np.abs(found[7] - jl.undistort_image(images[7], jl.RadialPolynomial(kappas[7]))))),
         lambda: batched(pixels, kappas),
         None,

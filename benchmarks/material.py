@@ -25,7 +25,7 @@ def picture(channels: int = CHANNELS) -> np.ndarray:
     """Returns `(SIZE, SIZE, channels)` float32 within [0, 255]: waves of 25 to 100 pixels.
 
     Smooth on purpose: OpenCV 4, and `cv2.undistort` still, round positions to 1/32 of a pixel, which on such a picture
-    costs half a grey level, while a wrong pixel would cost many. How long a warp takes does not depend on the values.
+    costs half a gray level, while a wrong pixel would cost many. How long a warp takes does not depend on the values.
     """
     y, x = np.mgrid[:SIZE, :SIZE]
     waves = np.stack(

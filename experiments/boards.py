@@ -132,7 +132,7 @@ def _held_out(model: BoardModel, boards: jl.fitting.Boards, size: tuple[int, int
         out = turns == turn
         fit = _calibrate(model, boards, size, ~out)
         assert fit.frame is not None
-        judged = jl.fitting.evaluate(fit.lens, fit.frame, _only(boards, out))
+        judged = jl.fitting.validate(fit.lens, fit.frame, _only(boards, out))
         seen = float(np.sum(np.asarray(boards.weights)[out]))
         squares, count = squares + float(judged.rms) ** 2 * seen, count + seen
     return float(np.sqrt(squares / count))

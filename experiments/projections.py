@@ -219,7 +219,7 @@ def profiles(
     least_score: float,
 ) -> dict[Axis, Profile]:
     """Compares the projections of a picture and of its distorted one, over the pixels that have a source."""
-    before, after = jl.projections.integral_projections(pixels), jl.projections.integral_projections(picture, mask=seen)
+    before, after = jl.profiles.integral_projections(pixels), jl.profiles.integral_projections(picture, mask=seen)
     pairs = {
         "x": (before.vertical, after.vertical, after.vertical_valid),
         "y": (before.horizontal, after.horizontal, after.horizontal_valid),
@@ -227,7 +227,7 @@ def profiles(
     expected, found = _expected(pixels, k, window), {}
     for axis in AXES:
         reference, other, there = pairs[axis]
-        result = jl.projections.projection_displacement(reference, other, window=window, largest=largest)
+        result = jl.profiles.profile_displacement(reference, other, window=window, largest=largest)
         good = np.asarray(result.valid) & (np.asarray(result.score) >= least_score)
         found[axis] = Profile(
             np.asarray(reference),

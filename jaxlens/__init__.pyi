@@ -7,7 +7,7 @@ from . import images as images
 from . import lenses as lenses
 from . import meshes as meshes
 from . import metrics as metrics
-from . import projections as projections
+from . import profiles as profiles
 from . import self_calibration as self_calibration
 from . import surfaces as surfaces
 from .frames import Frame as Frame

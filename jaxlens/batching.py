@@ -68,7 +68,7 @@ def in_turns_if_large(function: Callable[[Any], Any], batch: Any, elements: int)
     With several devices all members take part at once.
 
     Args:
-        function: Of one member.
+        function: Computes the results for one member.
         batch: A pytree of arrays with a leading axis.
         elements: How large a member's problem is.
     """

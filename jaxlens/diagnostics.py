@@ -24,8 +24,8 @@ def jacobian_determinant(
 
     Args:
         mapping: Any map, or lens (its `distort`).
-        height: Of the picture, in pixels.
-        width: Of the picture, in pixels.
+        height: Height of the picture, in pixels.
+        width: Width of the picture, in pixels.
         frame: Ties pixels to normalized coordinates; Eq. 10's by default.
     """
     frame = frame_for(mapping, height, width) if frame is None else frame
@@ -43,8 +43,8 @@ def coverage(
 
     Args:
         mapping: From output to source.
-        height: Of the picture, in pixels.
-        width: Of the picture, in pixels.
+        height: Height of the picture, in pixels.
+        width: Width of the picture, in pixels.
         frame: Ties pixels to normalized coordinates; Eq. 10's by default.
     """
     return _inside(source_coordinates(mapping, height, width, frame=frame), height, width)
@@ -67,8 +67,8 @@ def multiplicity(coordinates: Float[Array, "*points 2"], height: int, width: int
     Args:
         coordinates: Source positions in pixels, as of `distortion_map`; those outside the picture, or not finite,
             count for none.
-        height: Of the source, in pixels.
-        width: Of the source, in pixels.
+        height: Height of the source, in pixels.
+        width: Width of the source, in pixels.
     """
     x, y = split(coordinates)
     column, row = jnp.floor(x + 0.5), jnp.floor(y + 0.5)
@@ -125,8 +125,8 @@ def zoom_to_fill(mapping: CoordinateMap, height: int, width: int, *, frame: Fram
 
     Args:
         mapping: From output to source; for `distort_image`, `lens.inverse()`.
-        height: Of the picture, in pixels.
-        width: Of the picture, in pixels.
+        height: Height of the picture, in pixels.
+        width: Width of the picture, in pixels.
         frame: Ties pixels to normalized coordinates; Eq. 10's by default.
 
     Returns:

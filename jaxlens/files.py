@@ -22,7 +22,7 @@ _lock = RLock()
 
 @contextlib.contextmanager
 def unless_finished(undo: Callable[[], None]) -> Iterator[None]:
-    """Have something undone unless the block ends well: where it raises, and where `undo_unfinished` is called.
+    """Has something undone unless the block ends well: where it raises, and where `undo_unfinished` is called.
 
     Args:
         undo: What to do. It may be called twice, and before anything was done; it raises nothing.
@@ -41,13 +41,13 @@ def unless_finished(undo: Callable[[], None]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def unbroken() -> Iterator[None]:
-    """Keep `undo_unfinished` waiting: for the few steps that put what is complete in its place."""
+    """Keeps `undo_unfinished` waiting: for the few steps that put what is complete in its place."""
     with _lock:
         yield
 
 
 def undo_unfinished() -> None:
-    """Undo what other threads have begun and not finished, so that the process can end at once.
+    """Undoes what other threads have begun and not finished, so that the process can end at once.
 
     Nothing can be begun after this: whoever tries waits for ever. Only for a process about to end by `os._exit`.
     """
@@ -58,7 +58,7 @@ def undo_unfinished() -> None:
 
 @contextlib.contextmanager
 def atomic_write(path: str | os.PathLike[str], *, overwrite: bool = False) -> Iterator[Path]:
-    """Give a temporary file to write, which takes the name `path` when the block ends well.
+    """Gives a temporary file to write, which takes the name `path` when the block ends well.
 
     The temporary file lies in the folder of `path`, hidden (its name starts with a dot) and with the suffix
     of `path`. It exists already, empty: open it with mode `"wb"` or `"w"`. When the block raises, even
@@ -107,7 +107,7 @@ def atomic_write(path: str | os.PathLike[str], *, overwrite: bool = False) -> It
 
 
 def write_text(path: str | os.PathLike[str], text: str, *, overwrite: bool = False) -> None:
-    r"""Write a text file whole or not at all, in UTF-8, with `\n` left as it is on every system.
+    r"""Writes a text file whole or not at all, in UTF-8, with `\n` left as it is on every system.
 
     Args:
         path: The file to write; see `atomic_write`.
@@ -123,7 +123,7 @@ def write_text(path: str | os.PathLike[str], text: str, *, overwrite: bool = Fal
 
 
 def file_sha256(path: str | os.PathLike[str]) -> str:
-    """Compute the SHA-256 of a file's bytes, reading it in blocks.
+    """Computes the SHA-256 of a file's bytes, reading it in blocks.
 
     Args:
         path: An existing file.
@@ -161,18 +161,18 @@ def _remove(path: Path) -> None:
 
 
 def _create_empty(path: Path) -> None:
-    """Make a new empty file with the permissions of the umask, where `tempfile` would give 0600."""
+    """Makes a new empty file with the permissions of the umask, where `tempfile` would give 0600."""
     os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
 
 
 def _copy_permissions(source: Path, destination: Path) -> None:
-    """Before anything is written, so that a private file is at no moment readable by others."""
+    """Copies permissions before anything is written, so that a private file is at no moment readable by others."""
     with contextlib.suppress(FileNotFoundError):
         destination.chmod(stat.S_IMODE(source.stat().st_mode))
 
 
 def _rename_new(temporary: Path, target: Path) -> None:
-    """Rename where `target` must not exist; decided by the file system in one step, hence free of races."""
+    """Renames where `target` must not exist; decided by the file system in one step, hence free of races."""
     try:
         os.link(temporary, target)
     except FileExistsError:

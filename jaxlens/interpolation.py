@@ -67,7 +67,7 @@ def interpolated(
         padding: In the image's dtype, what the constant border is made of: a number, or one for each channel.
         kernel: A name in `KERNELS`, of n weights.
         border: What surrounds the image by n pixels; None is nothing, and the kernel begins at the floor of a position.
-        dtype: Of the sums, which are computed in that of x and y: see `as_pixels`.
+        dtype: The dtype of the result; the sums are computed in that of x and y: see `as_pixels`.
 
     Returns:
         The sums. Differentiable, where they are floating, with respect to floating pixels and padding, x and y, any
@@ -168,7 +168,7 @@ def weighted_sum(
 def _first_pixel(
     position: Float[Array, "*points"], size: int | Int[Array, "*points"], kernel: str, border: str | None
 ) -> tuple[Int[Array, "*points"], Float[Array, "*points"], *tuple[Float[Array, "*points"], ...]]:
-    """The first of the pixels that a kernel reads along an axis, and a position of the fraction that it takes.
+    """Returns the first of the pixels that a kernel reads along an axis, and a position of the fraction it takes.
 
     Where the image is mirrored also the sign, −1 in a mirror image, with which that position moves.
     """

@@ -99,7 +99,7 @@ def solve_cholesky(
 
 
 def _scaled(matrix: Array, diagonal: Array) -> tuple[Array, Array]:
-    """What scales a diagonal to ones from both sides, and the matrix scaled by it; a zero column stays."""
+    """Returns what scales a diagonal to ones from both sides, and the matrix scaled by it; a zero column stays."""
     scale = jnp.where(diagonal > 0, lax.rsqrt(jnp.where(diagonal > 0, diagonal, 1)), 0)
     return scale, matrix * scale[..., :, None] * scale[..., None, :]
 

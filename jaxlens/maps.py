@@ -75,11 +75,11 @@ class CoordinateMap(eqx.Module):
         """Maps points `(..., 2)` in (x, y) order."""
 
     def one_to_one(self, points: Float[ArrayLike, "*batch 2"]) -> Bool[Array, "*batch"]:
-        """Whether points lie where the map is one-to-one; here: where it keeps orientation."""
+        """Tells whether points lie where the map is one-to-one; here: where it keeps orientation."""
         return self.jacobian_determinant(points) > 0
 
     def surely_one_to_one(self, points: Float[Array, "*batch 2"]) -> Bool[Array, "*batch"] | None:
-        """Whether points lie in a convex set where the map is known to be one-to-one; None where none is known.
+        """Tells whether points lie in a convex set where the map is known to be one-to-one; None where none is known.
 
         What surely holds for the corners of a picture holds for all of its pixels: one need not look at each.
         """
@@ -97,7 +97,7 @@ class CoordinateMap(eqx.Module):
 
         Args:
             field: The field's name.
-            shape: Of the array that it holds.
+            shape: Shape of the array that it holds.
         """
         return numbered(field, shape)
 
@@ -167,15 +167,15 @@ class Inverted(CoordinateMap):
 
     @property
     def needs_frame(self) -> bool:
-        """Is that of the map."""
+        """Whether the map itself needs a frame."""
         return self.mapping.needs_frame
 
     def adjustable(self) -> PyTree:
-        """Is that of the map."""
+        """Returns which numbers a fit adjusts: those of the map itself."""
         return Inverted(self.mapping.adjustable())
 
     def one_to_one(self, points: Float[ArrayLike, "*batch 2"]) -> Bool[Array, "*batch"]:
-        """Whether points have a preimage."""
+        """Tells whether points have a preimage."""
         return self.mapping.invert(points).valid
 
     @jitted
@@ -207,20 +207,20 @@ class OneToOne(CoordinateMap):
 
     @property
     def needs_frame(self) -> bool:
-        """Is that of the map."""
+        """Whether the map itself needs a frame."""
         return self.mapping.needs_frame
 
     def adjustable(self) -> PyTree:
-        """Is that of the map."""
+        """Returns which numbers a fit adjusts: those of the map itself."""
         return OneToOne(self.mapping.adjustable())
 
     def one_to_one(self, points: Float[ArrayLike, "*batch 2"]) -> Bool[Array, "*batch"]:
-        """Whether points lie where the map is one-to-one."""
+        """Tells whether points lie where the map is one-to-one."""
         return self.mapping.one_to_one(points)
 
     @jitted
     def invert(self, points: Float[ArrayLike, "*batch 2"]) -> Inverse:
-        """Is the inverse of the map itself."""
+        """Finds the preimages as the map itself does."""
         return self.mapping.invert(points)
 
 
@@ -242,15 +242,15 @@ class Chain(CoordinateMap):
 
     @property
     def needs_frame(self) -> bool:
-        """Whether one of the maps does."""
+        """Whether one of the maps needs a frame."""
         return any(mapping.needs_frame for mapping in self.maps)
 
     def adjustable(self) -> PyTree:
-        """Is that of each map."""
+        """Returns which numbers a fit adjusts: those of each map."""
         return Chain(tuple(mapping.adjustable() for mapping in self.maps))
 
     def one_to_one(self, points: Float[ArrayLike, "*batch 2"]) -> Bool[Array, "*batch"]:
-        """Whether each map is one-to-one where the point meets it."""
+        """Tells whether each map is one-to-one where the point meets it."""
         points = as_points(points)
         inside = jnp.ones(points.shape[:-1], bool)
         for mapping in self.maps:

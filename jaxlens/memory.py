@@ -32,7 +32,7 @@ def in_memory(function: Callable[[], Any], witness: Array) -> Any:
 
 
 def always(witness: Array) -> Bool[Array, ""]:
-    """Is true, which the compiler does not know; one answer for a whole batch, so that a `cond` stays one."""
+    """Returns true, without the compiler knowing; one answer for a whole batch, so that a `cond` stays one."""
     return _not_above_infinity(lax.stop_gradient(witness))
 
 

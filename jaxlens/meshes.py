@@ -77,7 +77,7 @@ def write(path: str | os.PathLike[str], mesh: Mesh, *, overwrite: bool = False) 
 
 
 def _parts(path: str | os.PathLike[str], largest: int) -> list[Any]:
-    """The objects of a file that have faces, as trimesh reads them."""
+    """Returns the objects of a file that have faces, as trimesh reads them."""
     suffix = _format(path)
     trimesh = _trimesh()
     with open(path, "rb") as file:

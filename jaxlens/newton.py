@@ -139,7 +139,7 @@ def is_root(
 def _safeguarded_step(
     function: ScalarFunction, target: Array, x: Array, low: Array, high: Array
 ) -> tuple[Array, Array, Array]:
-    """One bracketed step; returns the new iterate and the bracket that the old one shrank."""
+    """Takes one bracketed step; returns the new iterate and the bracket that the old one shrank."""
     value, slope, curvature = derivatives(function, x)
     residual = value - target
     low = jnp.where(residual <= 0, jnp.maximum(low, x), low)
@@ -234,7 +234,7 @@ def complete(
 
 
 def _first_places(counts: Int[Array, " size"], ranks: Int[Array, " batch"]) -> Int[Array, " batch"]:
-    """The first place at which rising counts reach each rank, or their end.
+    """Returns the first place at which rising counts reach each rank, or their end.
 
     Is `jnp.searchsorted`, which cannot do with a size that is a symbol of `jax.export`.
     """
@@ -287,13 +287,13 @@ def _planes(points: Float[Array, "*batch n"]) -> tuple[Float[Array, "*batch"], .
 
 
 def _linearized(function: PointFunction, x: tuple[Array, ...]) -> tuple[tuple[Array, ...], list[tuple[Array, ...]]]:
-    """The value and the columns of the Jacobian, plane by plane."""
+    """Returns the value and the columns of the Jacobian, plane by plane."""
     value, jacobian = value_and_jacobian(function, jnp.stack(x, axis=-1))
     return _planes(value), [_planes(jacobian[..., k]) for k in range(len(x))]
 
 
 def _rounding(target: Float[Array, "*batch n"], x: Float[Array, "*batch n"]) -> Float[Array, "*batch"]:
-    """The residual at which an iteration has converged."""
+    """Returns the residual at which an iteration has converged."""
     unit = epsilon(target.dtype)
     return _ROOT_ULPS * unit * (jnp.maximum(_size(target), _size(x)) + unit)
 
@@ -301,7 +301,7 @@ def _rounding(target: Float[Array, "*batch n"], x: Float[Array, "*batch n"]) -> 
 def _solve_carefully(
     function: PointFunction, target: Float[Array, "*batch n"], start: Float[Array, "*batch n"], allowed: Admissible
 ) -> tuple[Float[Array, "*batch n"], Bool[Array, "*batch"], Bool[Array, "*batch"]]:
-    """Is `solve_points`, for all points with every safeguard."""
+    """Does what `solve_points` does, for all points with every safeguard."""
     tolerance = _ROOT_ULPS * epsilon(target.dtype)
     rounding = partial(_rounding, target)
 
@@ -360,7 +360,7 @@ def _size(vectors: Float[Array, "*batch n"]) -> Float[Array, "*batch"]:
 
 
 def _is_nearly_singular(matrix: Float[Array, "*batch n n"]) -> Bool[Array, "*batch"]:
-    """Whether the determinant is as small, beside the matrix, as where a step stands still before a fold."""
+    """Tells whether the determinant is as small, beside the matrix, as where a step stands still before a fold."""
     size = jnp.sqrt(jnp.sum(matrix * matrix, axis=(-2, -1)))
     return determinant(matrix) <= 16 * epsilon(matrix.dtype) ** 0.5 * size ** matrix.shape[-1]
 
@@ -432,7 +432,7 @@ def _implicit_root_jvp(residual, primals, tangents):
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def implicit_point_root(residual: Callable[[Array, Any], Array], root: Array, parameters: Any) -> Array:
-    """Is `implicit_root` for points: `root` and the residual have shape `(..., n)`, n two or three."""
+    """Does what `implicit_root` does, for points: `root` and the residual have shape `(..., n)`, n two or three."""
     del residual, parameters
     return root
 

@@ -31,7 +31,7 @@ class Status(enum.IntEnum):
 
 
 def jitted(method: Method) -> Method:
-    """Is `jax.jit`, for methods: type checkers still see the method, which a subclass may override."""
+    """Compiles a method by `jax.jit`, so that type checkers still see the method, which a subclass may override."""
     return cast(Method, jax.jit(method))
 
 

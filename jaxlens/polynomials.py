@@ -17,7 +17,7 @@ def smallest_positive_root(coefficients: Float[Array, " terms"]) -> Float[Array,
     1e-9 as at 1e9, down to two neighbours: coefficients of any scale and vanishing leading ones are nothing special.
 
     Args:
-        coefficients: Those of s, s², …; any number of them, zeros and leading zeros included.
+        coefficients: Coefficients of s, s², …; any number of them, zeros and leading zeros included.
 
     Returns:
         A scalar, differentiable with respect to the coefficients by the implicit function theorem; its derivative
@@ -52,7 +52,7 @@ def _find(coefficients: Array) -> Array:
 
 
 def _bracketed_roots(coefficients: Array, separators: Array) -> tuple[Array, Array]:
-    """The place of each change of sign, between neighbouring separators, and whether there is one.
+    """Returns the place of each change of sign, between neighbouring separators, and whether there is one.
 
     Where there is none, the upper separator is returned. Horner's rule may overflow, but not to NaN: its sign stays.
     """

@@ -80,7 +80,7 @@ def footprint(
 
 
 def _difference(values: Array, axis: int) -> Array:
-    """The derivative along an axis: central where both neighbours are finite, one-sided where one is, else zero."""
+    """Differentiates along an axis: centrally where both neighbours are finite, one-sidedly where one is, else zero."""
     forward = jnp.diff(values, axis=axis, append=jnp.nan)
     backward = jnp.roll(forward, 1, axis=axis)  # the appended NaN comes first
     has_forward, has_backward = jnp.isfinite(forward), jnp.isfinite(backward)

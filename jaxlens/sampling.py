@@ -160,7 +160,7 @@ def _check(image: Array, shape: tuple[int, ...], method: str, border: str, antia
 
 
 def _working_dtype(image_dtype, coordinate_dtype):
-    """The dtype to interpolate in: at least single precision, double where integers or coordinates need it."""
+    """Returns the dtype to interpolate in: at least single precision, double where integers or coordinates need it."""
     if jnp.issubdtype(image_dtype, jnp.floating):
         return jnp.result_type(image_dtype, coordinate_dtype, jnp.float32)
     exact = jnp.dtype(image_dtype).itemsize <= 2
@@ -199,7 +199,7 @@ def _placed(x: Array, y: Array, grid: Grid, method: str, border: str) -> Planes:
 
 
 def _first_period(position: Array, size: int | Array, border: str) -> Array:
-    """The position within the image, or less than a pixel beside it, that shows the same."""
+    """Returns the position within the image, or less than a pixel beside it, that shows the same."""
     if border not in PERIODIC:
         return position
     pixel = jnp.floor(position)
@@ -208,7 +208,7 @@ def _first_period(position: Array, size: int | Array, border: str) -> Array:
 
 
 def _with_nowhere(samples: Array, x: Array, fill: Array) -> Array:
-    """The samples, with the fill value where a position is NaN."""
+    """Returns the samples, with the fill value where a position is NaN."""
     somewhere = jnp.expand_dims(x == x, range(x.ndim, samples.ndim))
     return jnp.where(
         somewhere, samples, as_pixels(jnp.expand_dims(fill, range(samples.ndim - fill.ndim)), samples.dtype)

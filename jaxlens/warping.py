@@ -146,8 +146,8 @@ def distortion_map(
 
     Args:
         lens: The lens.
-        height: Of the source, in pixels.
-        width: Of the source, in pixels.
+        height: Height of the source, in pixels.
+        width: Width of the source, in pixels.
         frame: As in `warp`.
         output_frame: As in `warp`.
         shape: As in `warp`.
@@ -199,7 +199,7 @@ def _source_planes(
     output_frame: Frame | None,
     shape: tuple[int, int],
 ) -> tuple[Float[Array, "new_height new_width"], Float[Array, "new_height new_width"]]:
-    """The x and y of `source_coordinates`."""
+    """Returns the x and y of `source_coordinates`."""
     source = frame_for(mapping, height, width) if frame is None else frame
     output = source if output_frame is None else output_frame
 

@@ -89,7 +89,7 @@ LAYERS = (
     ("pyramid", "sampling", "warping"),
     ("diagnostics",),
     ("metrics",),
-    ("projections",),
+    ("profiles",),
     ("fitting", "self_calibration"),
     ("surfaces",),
     ("files", "columns"),

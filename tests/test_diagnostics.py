@@ -298,7 +298,7 @@ class Scaling(jl.CoordinateMap):
         return self.factor * points
 
 
-def test_no_zoom_fills_where_the_centre_is_outside():
+def test_no_zoom_fills_where_the_center_is_outside():
     zoom = zoom_to_fill(jl.RadialPolynomial([0.1]), 20, 30, frame=jl.Frame([-5, 10], 20))
     assert np.isnan(zoom)
 

@@ -53,7 +53,7 @@ def test_one_scale_serves_both_axes():
     np.testing.assert_array_equal(frame.denormalize(jnp.ones((1, 2))), [[5, 6]])
 
 
-def test_zoom_enlarges_about_the_centre():
+def test_zoom_enlarges_about_the_center():
     frame = jl.Frame([10.0, 20.0], [3.0, 4.0]).zoomed(2.0)
     np.testing.assert_array_equal(frame.center, [10, 20])
     np.testing.assert_array_equal(frame.denormalize(jnp.ones((1, 2))), [[16, 28]])

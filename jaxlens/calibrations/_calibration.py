@@ -144,7 +144,7 @@ def check_model(name: str) -> "type[Lens]":
 
 
 def _as_numbers(lens: "CoordinateMap") -> tuple[str, tuple[tuple[str, Value], ...]]:
-    """A lens's name in files, and the arguments that make it again."""
+    """Returns a lens's name in files, and the arguments that make it again."""
     import dataclasses
     import inspect
 

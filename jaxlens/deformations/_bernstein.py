@@ -62,9 +62,9 @@ class Cube(eqx.Module):
         return local + self.displacement(local)
 
     def extended(self, local: Float[Array, "*batch dimensions"]) -> Float[Array, "*batch dimensions"]:
-        """Is `moved`, continued beyond the cube with the displacement of the nearest point of it.
+        """Returns where points go, those beyond the cube displaced as the nearest point of it.
 
-        Tame, where the polynomial itself runs off to infinity.
+        Bounded where the polynomial itself grows without limit.
         """
         above = jnp.where(local >= 0, local, 0)
         return local + self.displacement(jnp.where(above <= 1, above, 1))
@@ -96,7 +96,7 @@ def preimages(
 
 
 def _first_guess(cube: Cube, target: Float[Array, "*batch dimensions"]) -> Float[Array, "*batch dimensions"]:
-    """Of the targets themselves and of the points of a grid those that go nearest to the targets."""
+    """Returns the targets themselves, or the points of a grid that go nearest to them, whichever ends up nearer."""
     dimensions = target.shape[-1]
     grid = unit_lattice([_SAMPLES[dimensions]] * dimensions, target.dtype).reshape(-1, dimensions)
     seen = cube.moved(grid)
@@ -119,7 +119,7 @@ def _residual(local: Array, parameters: tuple[Cube, Array]) -> Array:
 def _sums(
     coordinates: tuple[Float[Array, "*batch"], ...], coefficients: Float[Array, "*lattice values"]
 ) -> Float[Array, " values *batch"]:
-    """`Σ B(s) B(t) … coefficients` over the lattice, a plane for each value.
+    """Returns `Σ B(s) B(t) … coefficients` over the lattice, a plane for each value.
 
     Its derivatives by a coordinate are sums of the same kind, of differences of coefficients and a degree less: several
     times cheaper than what automatic differentiation makes of the powers.
@@ -153,7 +153,7 @@ def _is_zero(tangent) -> bool:
 
 
 def _basis(s: Float[Array, "*batch"], degree: int) -> list[Float[Array, "*batch"]]:
-    """The Bernstein polynomials of a degree.
+    """Returns the Bernstein polynomials of a degree.
 
     Products of positive numbers on [0, 1]: each is accurate to a few units in its last place, whatever the degree.
     """
@@ -172,7 +172,7 @@ def _nested_sum(bases: Sequence[Sequence[Array]], coefficients: Array) -> Array:
 
 
 def _slopes(weights: Float[Array, "*lattice"]) -> Float[Array, "*lattice dimensions"]:
-    """(1 − i/n) (wᵢ₊₁ − wᵢ) along each axis; the last is zero."""
+    """Returns (1 − i/n) (wᵢ₊₁ − wᵢ) along each axis; the last is zero."""
     slopes = []
     for axis, size in enumerate(weights.shape):
         share = (1 - np.arange(size - 1) / (size - 1)).reshape([-1 if k == axis else 1 for k in range(weights.ndim)])
@@ -195,7 +195,7 @@ def frozen_rows(
     Args:
         shape: Control points along each axis.
         continuity: Order k of the highest derivative that is continuous across the border: k + 1 rows are frozen.
-        sides: Those across which it shall be.
+        sides: The sides across which it is to be continuous.
         names: What the sides are called: the lower and the upper of each axis in turn.
 
     Raises:

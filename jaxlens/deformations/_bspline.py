@@ -137,7 +137,7 @@ def energy_terms(
 
 
 def _products(count: int, order: int) -> Float[np.ndarray, "terms terms"]:
-    """∫ β⁽ᵒ⁾(u − i) β⁽ᵒ⁾(u − j) du over `count` cells, exactly: sums of integrals of polynomials, cell by cell."""
+    """Returns ∫ β⁽ᵒ⁾(u − i) β⁽ᵒ⁾(u − j) du over `count` cells, exactly: polynomials are integrated cell by cell."""
     pieces = np.array([np.polynomial.polynomial.polyder(piece, order) for piece in KERNELS[_KERNEL]])
     powers = np.arange(pieces.shape[1])
     element = pieces @ (1 / (powers[:, None] + powers[None] + 1)) @ pieces.T

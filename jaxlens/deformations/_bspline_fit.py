@@ -114,7 +114,7 @@ def _fit(field: BSplineField, source: Array, target: Array, weights: Array, pena
 
 
 def _spread(field: BSplineField, source: Array, weights: Array) -> Float[Array, ""]:
-    """The least variance of points along any direction, in units of the rectangle: what determines an affine field.
+    """Returns the least variance of points along any direction, in units of the rectangle: it decides an affine field.
 
     These fields do not bend: of them, the data alone must tell.
     """

@@ -52,7 +52,7 @@ def _degeneracy(points: Float[np.ndarray, "points 2"], eps: float, needed: int) 
 
 
 def _off(points: np.ndarray, a: np.ndarray, b: np.ndarray, rounding: float) -> np.ndarray:
-    """Which points lie off the line through a and b by more than rounding in these can explain."""
+    """Returns which points lie off the line through a and b by more than rounding in these can explain."""
     lever = 1 + np.linalg.norm(points - a, axis=1) / np.linalg.norm(b - a)
     return np.abs(_distances(points, a, b)) > rounding * lever
 

@@ -200,7 +200,7 @@ def _projective_residuals(values: Array, data: _Data) -> Array:
 
 
 def _closed_form(data: _Data, kind: Kind) -> Float[Array, " parameters"]:
-    """About the centroids, which every best map of these kinds takes to one another."""
+    """Fits in closed form, about the centroids: the best maps of these kinds take one to the other."""
     weighted = data.weights[:, None] * data.source
     zero = jnp.zeros_like(data.ratio)
     cross = jnp.matmul(data.target.T, weighted, precision=_HIGHEST)
@@ -218,7 +218,7 @@ def _closed_form(data: _Data, kind: Kind) -> Float[Array, " parameters"]:
 
 
 def _matrix(values: Float[Array, " parameters"], ratio: Float[Array, ""], kind: Kind) -> Float[Array, "3 3"]:
-    """The matrix of conditioned coordinates."""
+    """Returns the matrix of conditioned coordinates."""
     zero, one = jnp.zeros_like(ratio), jnp.ones_like(ratio)
     match kind:
         case "projective":
@@ -244,7 +244,7 @@ def _residuals(values: Array, data: _Data, kind: Kind) -> Float[Array, "points 2
 
 
 def _divide(matrix: Array, points: Array, down: Array) -> Array:
-    """The image of points, beyond the line at infinity too; finite on it."""
+    """Returns the image of points, beyond the line at infinity too; finite on it."""
     x, y = split(points)
     down = jnp.where(down == 0, 1, down)
     return join(*((row[0] * x + row[1] * y + row[2]) / down for row in matrix[:2]))

@@ -102,7 +102,7 @@ class FreeForm(CoordinateMap):
         return join(x + jnp.where(inside, along_x * width, 0), y + jnp.where(inside, along_y * height, 0))
 
     def contains(self, points: Float[ArrayLike, "*batch 2"]) -> Bool[Array, "*batch"]:
-        """Whether points lie in the rectangle, its border included."""
+        """Tells whether points lie in the rectangle, its border included."""
         x, y = split(as_points(points))
         (left, top), (right, bottom) = self.lower, self.upper
         return (left <= x) & (x <= right) & (top <= y) & (y <= bottom)
@@ -158,7 +158,7 @@ class FreeForm(CoordinateMap):
         Args:
             continuity: The order k of the highest derivative that is to be continuous across the border: 0 for
                 continuity alone. The outermost k + 1 rows return to the regular lattice, with weight one.
-            sides: Those of the rectangle across which it is to be.
+            sides: The sides of the rectangle across which it is to be continuous.
 
         Raises:
             ValueError: an order below zero, an unknown side, or degrees that would leave no control point free: two

@@ -114,7 +114,7 @@ class FreeForm3D(eqx.Module):
         return points + jnp.where(inside, self._from_local(self._cube().displacement(jnp.where(inside, local, 0))), 0)
 
     def contains(self, points: Float[ArrayLike, "*batch 3"]) -> Bool[Array, "*batch"]:
-        """Whether points lie in the parallelepiped, its faces included, to the rounding of the points' coordinates."""
+        """Tells whether points lie in the parallelepiped, its faces included, to the rounding of their coordinates."""
         points = _as_points(points)
         local = self._local(points)
         shares = jnp.abs(adjugate(self.axes) / determinant(self.axes))
@@ -134,7 +134,7 @@ class FreeForm3D(eqx.Module):
         return determinant(self.jacobian(points))
 
     def one_to_one(self, points: Float[ArrayLike, "*batch 3"]) -> Bool[Array, "*batch"]:
-        """Whether the map keeps orientation at points."""
+        """Tells whether the map keeps orientation at points."""
         return self.jacobian_determinant(points) > 0
 
     @jitted

@@ -116,7 +116,7 @@ class Homography(CoordinateMap):
 
     @jitted
     def one_to_one(self, points: Float[ArrayLike, "*batch 2"]) -> Bool[Array, "*batch"]:
-        """Whether points lie on the side where the map is defined."""
+        """Tells whether points lie on the side where the map is defined."""
         x, y = split(as_points(points))
         return _apply(self.matrix, x, y)[1]
 
@@ -208,7 +208,7 @@ def denominators(matrix: Float[Array, "3 3"], points: Float[Array, "*batch 2"]) 
 
 
 def _apply(matrix: Array, x: Array, y: Array) -> tuple[tuple[Array, Array], Array]:
-    """The image of points, and where it is defined; finite elsewhere, and in its derivatives."""
+    """Returns the image of points, and where it is defined; finite elsewhere, and in its derivatives."""
     finite = jnp.isfinite(x) & jnp.isfinite(y)
     x, y = jnp.where(finite, x, 0), jnp.where(finite, y, 0)
     down = denominators(matrix, join(x, y))
@@ -223,12 +223,12 @@ def _apply(matrix: Array, x: Array, y: Array) -> tuple[tuple[Array, Array], Arra
 
 
 def _inverse(matrix: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
-    """By the adjugate: its sign is such that it is defined exactly where the map's image is."""
+    """Inverts by the adjugate: its sign is such that it is defined exactly where the map's image is."""
     return adjugate(matrix) / determinant(matrix)
 
 
 def _is_singular(matrix: Float[np.ndarray, "3 3"], eps: float) -> bool:
-    """Whether a determinant is nothing but rounding, whatever the units of rows and columns."""
+    """Tells whether a determinant is nothing but rounding, whatever the units of rows and columns."""
     a, b, c = matrix.T
     positive = np.abs(np.roll(b, -1) * np.roll(c, -2)) + np.abs(np.roll(b, -2) * np.roll(c, -1))
     return bool(abs(a @ np.cross(b, c)) <= _SINGULAR_ULPS * eps * np.sum(np.abs(a) * positive))

@@ -15,8 +15,8 @@ def rectification(corners: ArrayLike | list | tuple, height: int, width: int) ->
         corners: `(4, 2)`, (x, y) pixels of the corners in the picture: those that shall become top left, top right,
             bottom right, bottom left. They go to the centres of the corner pixels of the new picture: (0, 0),
             (width − 1, 0), (width − 1, height − 1), (0, height − 1).
-        height: Of the new picture, in pixels, at least 2.
-        width: Of the new picture, in pixels, at least 2.
+        height: Height of the new picture, in pixels, at least 2.
+        width: Width of the new picture, in pixels, at least 2.
 
     Returns:
         The homography, from pixels of the picture to those of the new one; its denominator is positive in the

@@ -36,7 +36,7 @@ class Distances:
     Attributes:
         depth_map: The surface.
         picture: `(H, W)`, shaded, 0 to 1; NaN where there is no surface.
-        features: The same, lit from the front.
+        features: The same head, lit from the front.
         source: (x, y) in pixels; the tip of the nose, of a face.
         planar: `(H, W)`, straight in the picture's plane. NaN where there is no surface, as the others.
         radial: `(H, W)`, of the curve above that straight line (Eqs. 1 and 2); infinite where it leaves the surface.
@@ -72,7 +72,7 @@ def measure_distances(
         source: (x, y) in pixels; what `nose_tip` finds, unless given.
         albedo: `(H, W)`, for the shaded picture.
         normals: `(H, W, 3)`, for it too; the depth map's own, unless given.
-        progress: Of the shortest distances; as `jaxlens.surfaces.geodesic_distance`.
+        progress: Told about the shortest distances, as in `jaxlens.surfaces.geodesic_distance`.
 
     Raises:
         ValueError: as `jaxlens.surfaces.geodesic_distance`.

@@ -28,7 +28,7 @@ def residual_figure(points: np.ndarray, residuals: np.ndarray, fit: Fit, unit: s
         points: `(N, 2)` observed points.
         residuals: `(N, 2)` observed − predicted.
         fit: The fit, for its frame's centre and its RMS.
-        unit: Of both.
+        unit: Unit of both.
     """
     with style():
         shown = _sample(len(points))
@@ -71,7 +71,7 @@ def lines_figure(lines: Sequence[np.ndarray], residuals: np.ndarray, fit: Fit, u
         lines: Observed points, `(n, 2)` a line.
         residuals: `(L, N, 1)` as of `fit_lines`.
         fit: The fit.
-        unit: Of both.
+        unit: Unit of both.
     """
     with style():
         figure = new_figure(WIDTH, 3.6)

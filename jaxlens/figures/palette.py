@@ -14,4 +14,4 @@ PALETTE = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY, BLACK)
 MUTED = "#5A5A5A"
 FAINT = "#D9D9D9"
 WIDTH = 7.0
-"""Of a figure, in inches: with these fonts legible at full width and in half a page."""
+"""The width of a figure in inches: with these fonts legible at full width and in half a page."""

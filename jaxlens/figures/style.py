@@ -88,7 +88,7 @@ def save(figure: Figure, path: Path) -> None:
 
 
 def _fewer_colours(picture: PIL.Image.Image) -> PIL.Image.Image:
-    """A picture of 256 colours, unless they move its own by a level or more in the mean: smooth shades show bands."""
+    """Returns a picture of 256 colours, unless they move its own by a level in the mean: smooth shades show bands."""
     indexed = picture.quantize(256, PIL.Image.Quantize.MAXCOVERAGE, dither=PIL.Image.Dither.NONE)
     moved = np.abs(np.asarray(indexed.convert("RGB"), np.int16) - np.asarray(picture)).mean()
     return indexed if moved < 1 else picture

@@ -93,7 +93,7 @@ def draw_surface(
             0 is parallel projection; below 0.7, so that the viewer stays outside of the landscape.
         relief: The height of white, in half diagonals.
         azimuth: By how many degrees the landscape is turned, seen from above, counterclockwise.
-        elevation: Of the viewer above the landscape, in degrees: 90 looks straight down.
+        elevation: Angle of the viewer above the landscape, in degrees: 90 looks straight down.
 
     Raises:
         ValueError: an unknown drawing, or a number out of its range.
@@ -177,7 +177,7 @@ class _Camera:
 
 
 def _grid(size: int, longest: int, cells: int) -> np.ndarray:
-    """Whole pixels, about evenly spaced, from the first to the last."""
+    """Returns whole pixels, about evenly spaced, from the first to the last."""
     count = min(size, max(2, round(cells * size / longest)) + 1)
     return np.unique(np.round(np.linspace(0, size - 1, count)).astype(int))
 

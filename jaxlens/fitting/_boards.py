@@ -227,7 +227,7 @@ def _fit(choice: Choice, lens, boards, size, camera_matrix, bounds, loss_scale, 
     )
 
 
-class HeldOut(eqx.Module):
+class Validation(eqx.Module):
     """How well a calibration explains views it has not seen, once their poses are found.
 
     Attributes:
@@ -246,17 +246,17 @@ class HeldOut(eqx.Module):
 
 
 @partial(jax.jit, static_argnames="max_steps")
-def evaluate(lens: Lens, frame: Frame, boards: Boards, *, max_steps: int = 200) -> HeldOut:
-    """Evaluates a calibration on other views: fits only the boards' poses, and reports what is left.
+def validate(lens: Lens, frame: Frame, boards: Boards, *, max_steps: int = 200) -> Validation:
+    """Validates a calibration on views held out from it: fits only the boards' poses, and reports what is left.
 
     Args:
         lens: The lens, of a fit on other views.
         frame: The camera, likewise.
-        boards: The views to try it on.
+        boards: The views held out.
         max_steps: Steps of the solver, for each view.
 
     Returns:
-        A `HeldOut`. Views with fewer than four corners cannot be judged: their status is `TOO_FEW`.
+        A `Validation`. Views with fewer than four corners cannot be judged: their status is `TOO_FEW`.
     """
     dtype = common_dtype(lens, frame, boards)
     lens, frame, boards = in_dtype((lens, frame, boards), dtype)
@@ -273,7 +273,7 @@ def evaluate(lens: Lens, frame: Frame, boards: Boards, *, max_steps: int = 200) 
     enough = jnp.sum(boards.weights > 0, axis=1) >= _CORNERS
     squares = jnp.sum(boards.weights[..., None] * residuals**2, axis=(1, 2))
     weights = jnp.sum(boards.weights, axis=1)
-    return HeldOut(
+    return Validation(
         _poses(vectors),
         residuals,
         jnp.sqrt(jnp.sum(squares) / jnp.sum(weights)),
@@ -326,14 +326,14 @@ def _blocks(poses: Poses) -> Float[Array, "views 6"]:
 
 
 def _parallel(poses: Poses) -> Array:
-    """Whether all boards are parallel to each other: together they then say no more about the camera than one."""
+    """Tells whether all boards are parallel to each other: together they then say no more about the camera than one."""
     normals = poses.rotations()[:, :, 2]
     sines = jnp.linalg.norm(jnp.cross(normals[:, None], normals[None]), axis=-1)
     return jnp.max(sines) < _PARALLEL
 
 
 def _folds(lens: Lens, frame: Frame, size: Array) -> Array:
-    """Whether some point of the picture's border has no preimage, or one beyond a fold."""
+    """Tells whether some point of the picture's border has no preimage, or one beyond a fold."""
     steps = jnp.linspace(0, 1, 33, dtype=size.dtype)
     zero, one = jnp.zeros_like(steps), jnp.ones_like(steps)
     border = jnp.concatenate(

@@ -27,7 +27,7 @@ def variance_inflation(
     Args:
         influences: The change of all predictions for a change of the parameters: J times a vector.
         residuals: What moves the estimates, zero where nothing counts.
-        inverse: That of JᵀJ, to any factor.
+        inverse: The inverse of JᵀJ, to any factor.
     """
     count = jnp.sum(residuals != 0)
 
@@ -54,6 +54,6 @@ def variance_inflation(
 
 
 def _agreement(residuals: Float[Array, "height width"]) -> Float[Array, ""]:
-    """The mean correlation of residuals side by side and one below the other."""
+    """Returns the mean correlation of residuals side by side and one below the other."""
     products = jnp.sum(residuals[1:] * residuals[:-1]) + jnp.sum(residuals[:, 1:] * residuals[:, :-1])
     return 0.5 * products / jnp.maximum(jnp.sum(residuals**2), jnp.finfo(residuals.dtype).tiny)

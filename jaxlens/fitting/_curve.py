@@ -38,7 +38,7 @@ def distortion_curve(
 
 
 def _lens_parameters(fit: Fit) -> tuple[Selection, list[int]]:
-    """The fitted numbers of the lens, and where they stand among all that was fitted."""
+    """Returns the fitted numbers of the lens, and where they stand among all that was fitted."""
     every = choose(fit.lens, jax.tree.map(lambda _: True, fit.lens))
     kept = [(index, name) for index, name in zip(*every, strict=True) if name in fit.names]
     choice = Choice(tuple(index for index, _ in kept), tuple(name for _, name in kept))

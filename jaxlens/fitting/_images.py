@@ -235,7 +235,7 @@ def _fit(
 
 
 def _noise_inflation(problem: _Images, minimum: Minimum, covariance: Array, loss: Loss) -> Array:
-    """How many times the correlation of neighbouring residuals inflates the variance of each estimate."""
+    """Returns how many times the correlation of neighbouring residuals inflates the variance of each estimate."""
     shape, blocks = problem.distorted.shape, minimum.unknowns.blocks
 
     def rows(values: Array) -> Array:
@@ -249,7 +249,7 @@ def _noise_inflation(problem: _Images, minimum: Minimum, covariance: Array, loss
 
 
 def _explained(problem: _Images, residuals: Array) -> Array:
-    """Whether enough of the covered pixels' variance is explained."""
+    """Tells whether enough of the covered pixels' variance is explained."""
     weights, observed = problem.weights[0], problem.distorted.ravel()
     total = jnp.maximum(jnp.sum(weights), 1)
     variance = jnp.sum(weights * (observed - jnp.sum(weights * observed) / total) ** 2)
@@ -257,7 +257,7 @@ def _explained(problem: _Images, residuals: Array) -> Array:
 
 
 def _pyramid(finest: _Images) -> list[_Images]:
-    """The problem at several sizes, each a quarter of the one before."""
+    """Returns the problem at several sizes, each a quarter of the one before."""
     levels = [finest]
     while min(*levels[-1].source.shape, *levels[-1].distorted.shape) >= 4 * _COARSEST:
         levels.append(_coarser(_coarser(levels[-1])))
@@ -284,7 +284,7 @@ def _restricted(level: _Images, values: Array) -> _Images:
 
 
 def _search(level: _Images, values: Array, options: dict) -> tuple[Array, Array]:
-    """The best lens of a grid at the coarsest level, after a refinement of the best few; and the steps it took."""
+    """Finds the best lens of a grid at the coarsest level, the best few refined, and says how many steps that took."""
     starts = _grid(level, values)
     if options["bounds"] is not None:
         starts = jax.vmap(lambda start: jnp.clip(start, *options["bounds"]))(starts)
@@ -337,7 +337,7 @@ def _seen(level: _Images, values: Array) -> tuple[Array, Array]:
 
 
 def _coarser(level: _Images) -> _Images:
-    """The problem with both pictures halved; a pixel of which a part is masked is."""
+    """Returns the problem with both pictures halved; a pixel of which a part is masked is."""
     height, width = level.distorted.shape
     masked = halved(1 - level.weights.reshape(height, width, 1))
     weights = (masked == 0).astype(level.weights.dtype).reshape(1, -1)

@@ -74,7 +74,7 @@ class _Lines(Problem):
 
 
 def _line(points: Float[Array, "lines points 2"], weights: Float[Array, "lines points"]) -> tuple[Array, Array]:
-    """The unit normal of each line of least squared distances, and the middle of its points."""
+    """Returns the unit normal of each line of least squared distances, and the middle of its points."""
     total = jnp.sum(weights, axis=1)
     middle = jnp.sum(weights[..., None] * points, axis=1) / total[:, None]
     x, y = split(points - middle[:, None])
@@ -201,7 +201,7 @@ def _fit(choice: Choice, lens, frame, points, weights, bounds, loss_scale, *, se
 
 
 def _search(problem: _Lines, values: Array, options: dict) -> Minimum:
-    """The minimum from the best of many starts."""
+    """Returns the minimum from the best of many starts."""
     places = coefficient_places(problem.selection.choice.names)
     normalized = problem.frame.normalize(problem.points).reshape(-1, 2)
     corner = normalized[jnp.argmax(jnp.sum(normalized**2, axis=-1))]
@@ -230,7 +230,7 @@ def _search(problem: _Lines, values: Array, options: dict) -> Minimum:
 
 
 def _neighbours(problem: _Lines, unknowns: Unknowns, residuals: Array) -> Float[Array, ""]:
-    """The correlation of residuals that are neighbours on a line, beyond that of independent noise; 0 if chance."""
+    """Returns the correlation of neighbours on a line, beyond that of independent noise; 0 if chance explains it."""
     weights, ideal = problem.line_weights, problem.ideal(unknowns)
     used = weights > 0
     values = jnp.where(used, residuals.reshape(weights.shape) * jnp.sqrt(weights), 0)
@@ -252,7 +252,7 @@ def _neighbours(problem: _Lines, unknowns: Unknowns, residuals: Array) -> Float[
 
 
 def _blind(problem: _Lines, unknowns: Unknowns) -> Bool[Array, ""]:
-    """Whether some parameter moves points along their lines only."""
+    """Tells whether some parameter moves points along their lines only."""
 
     def moved(unknowns):
         ideal = problem.frame.denormalize(problem.ideal(unknowns))

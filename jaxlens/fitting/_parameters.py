@@ -154,7 +154,7 @@ def _ravel(tree: PyTree) -> Float[Array, " numbers"]:
 
 
 def _names(tree: PyTree, path: tuple, shape: tuple[int, ...]) -> list[str]:
-    """The names of an array's numbers: its owner's, after the path to an owner that stands inside another."""
+    """Returns the names of an array's numbers: its owner's, after the path to an owner that stands inside another."""
     owner = tree
     for key in path[:-1]:
         match key:
@@ -171,7 +171,7 @@ def _names(tree: PyTree, path: tuple, shape: tuple[int, ...]) -> list[str]:
 
 
 def _told_apart(chosen: list[tuple[str, bool, int, str]]) -> list[tuple[str, bool, int, str]]:
-    """The same, where a name of the lens's is somebody else's too (a lens may have a `gain` as light has) in full."""
+    """Writes a name of the lens's out in full where another part has it too (a lens may have a `gain` as light has)."""
     count = Counter(name for *_, name in chosen)
     return [
         (branch, late, index, f"{branch}.{name}" if count[name] > 1 and branch == "lens" else name)

@@ -106,7 +106,7 @@ class Knowledge(eqx.Module):
 
     Attributes:
         residuals: As of `Problem.residuals`, not weighted; zero where the weight is zero.
-        covariance: Of the shared parameters, as in `Fit`; NaN where the data do not determine it.
+        covariance: Covariance of the shared parameters, as in `Fit`; NaN where the data do not determine it.
         information: JᵀJ, the columns of J scaled to length one, and cleared of what blocks could explain as well.
         inflation: How many times the other parameters' being unknown inflates the variance of each.
         rms: The root of the mean squared length of the residuals, weighted.
@@ -126,7 +126,7 @@ class Knowledge(eqx.Module):
 
     @property
     def status(self) -> FitStatus | Int[Array, "*batch"]:
-        """The solver's status, or what keeps the minimum from being worth having. As of `Minimum`."""
+        """The solver's status, or what keeps the minimum from being worth having; an array as in `Minimum`."""
         return named_status(self.status_code)
 
     @property
@@ -178,7 +178,7 @@ def minimize(
 
 
 def _checked(problem: Problem, start: Unknowns) -> Unknowns:
-    """The start, in the dtype of the residuals.
+    """Returns the start, in the dtype of the residuals.
 
     Raises:
         ValueError: residuals of another shape than the weights say, or a start of other blocks.
@@ -205,7 +205,7 @@ def descend(
     max_steps: int,
     solver: optx.AbstractLeastSquaresSolver | None = None,
 ) -> Minimum:
-    """Is `minimize` without derivatives."""
+    """Finds the minimum as `minimize` does, without derivatives."""
     fixed, start = lax.stop_gradient((problem, start))
     bounds = None if bounds is None else (jnp.asarray(bounds[0]), jnp.asarray(bounds[1]))
     if bounds is not None:
@@ -297,7 +297,7 @@ def report(minimum: Minimum, known: Knowledge, names: tuple[str, ...], *, lens: 
     Args:
         minimum: What `minimize` found.
         known: What `assess` said.
-        names: Of the shared parameters.
+        names: Names of the shared parameters.
         lens: The map with the found parameters in it.
         own: Further fields of a `Fit` (`folds` at least), and those that this kind of fit sees in its own way.
     """
@@ -387,7 +387,7 @@ def assess(
 
 
 def _variance(residuals, used, loss, scale, freedom, parameters):
-    """The variance of a residual component, as seen by the estimates: Huber (1981), Eq. 6.5 of section 7.6."""
+    """Returns the variance of a residual component, as seen by the estimates: Huber (1981), Eq. 6.5 of section 7.6."""
     freedom = jnp.where(freedom > 0, freedom, jnp.nan)  # an exact fit says nothing about the noise
     if loss == "linear":
         return jnp.sum(residuals**2) / freedom
@@ -400,7 +400,7 @@ def _variance(residuals, used, loss, scale, freedom, parameters):
 
 
 def _mean_slope(residuals, loss, scale):
-    """The mean over components of ∂ψ_c/∂r_c, for each point."""
+    """Returns the mean over components of ∂ψ_c/∂r_c, for each point."""
     components = residuals.shape[-1]
     total = 0.0
     for c in range(components):

@@ -37,7 +37,7 @@ class FitStatus(Status):
     NOT_FINITE = 5
     """The data, or the start's residuals, are not finite."""
     UNEXPLAINED = 6
-    """Of `fit_images`: the one picture through the lens does not look like the other."""
+    """Only from `fit_images`: the one picture through the lens does not look like the other."""
 
 
 class FitError(RuntimeError):
@@ -174,7 +174,7 @@ class Fit(eqx.Module):
 
 
 def named_status(code: Any) -> Any:
-    """The status that a number stands for, if it is one and known; a tree may hold other leaves, such as shapes."""
+    """Returns the status that a number stands for, if it is one and known; trees may hold other leaves, as shapes."""
     known = isinstance(code, jax.Array | np.ndarray | np.integer) and is_concrete(code) and not code.ndim
     return FitStatus(int(code)) if known else code
 

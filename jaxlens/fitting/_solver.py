@@ -132,7 +132,7 @@ def normal_equations(
 def _gram(
     function: Any, unknowns: Unknowns, *, fused: bool
 ) -> tuple[Float[Array, "columns columns"], Float[Array, "blocks rows"]]:
-    """[J r]ᵀ [J r] of a function without blocks, and its values r."""
+    """Returns [J r]ᵀ [J r] of a function without blocks, and its values r."""
     count, dtype = unknowns.shared.shape[0], unknowns.shared.dtype
     if count > _FEW:
         residual, by_shared, _ = jacobian_rows(function, unknowns)
@@ -299,7 +299,7 @@ def _blocked(values: Array, gradient: Array, options: dict) -> Bool[Array, " sha
 
 
 def _freeze(normal: NormalEquations, frozen: Bool[Array, " shared"]) -> NormalEquations:
-    """The normal equations in which frozen parameters stay where they are."""
+    """Returns the normal equations in which frozen parameters stay where they are."""
     free = ~frozen
     shared = jnp.where(
         free[:, None] & free[None], normal.shared, jnp.diag(jnp.where(frozen, 1, 0).astype(normal.shared.dtype))

@@ -115,7 +115,7 @@ def search(
 
 
 def _tasks(candidates: int, places: list[int], count: int) -> tuple[Array, Array, Array, Array]:
-    """The solver's tasks: which candidate it starts from, −1 for where it is; whether that ends one; what is free."""
+    """Returns the solver's tasks: which candidate each starts from (−1: where it is), if it ends one, what is free."""
     stages = [places[:end] for end in range(1, len(places) + 1)]
     tasks = []
     for candidate in range(candidates):

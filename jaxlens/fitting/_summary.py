@@ -50,7 +50,7 @@ def summarize(fit: Fit) -> str:
 
 
 def _noise(factors: np.ndarray) -> str:
-    """What the standard errors of a fit of pictures assume, from what correlation has made of them."""
+    """Returns what the standard errors of a fit of pictures assume, from what correlation has made of them."""
     if not np.any(factors > 1):
         return "neighbouring residuals do not agree: the noise of each pixel is taken for independent"
     return (

@@ -12,7 +12,7 @@ EXIF_PREFIX = b"Exif\0\0"
 
 
 def strip_prefix(exif: bytes) -> bytes:
-    r"""Take the `Exif\0\0` marks off the front of an EXIF block.
+    r"""Takes the `Exif\0\0` marks off the front of an EXIF block.
 
     Args:
         exif: With or without marks.
@@ -26,7 +26,7 @@ def strip_prefix(exif: bytes) -> bytes:
 
 
 def reset_orientation(exif: bytes) -> tuple[int, bytes]:
-    """Read the orientation of an EXIF block and set its tag to 1, changing no other byte.
+    """Reads the orientation of an EXIF block and sets its tag to 1, changing no other byte.
 
     The block is patched in place, for re-encoding it would move what maker notes refer to by offset.
 
@@ -54,7 +54,7 @@ def reset_orientation(exif: bytes) -> tuple[int, bytes]:
 
 
 def swaps_axes(orientation: int) -> bool:
-    """Say whether this orientation exchanges width and height.
+    """Tells whether this orientation exchanges width and height.
 
     Args:
         orientation: EXIF orientation, 1 to 8.
@@ -66,7 +66,7 @@ def swaps_axes(orientation: int) -> bool:
 
 
 def upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
-    """Turn stored pixels the way they are meant to be seen.
+    """Turns stored pixels the way they are meant to be seen.
 
     Args:
         pixels: `(height, width)` or `(height, width, channels)`, as stored.

@@ -40,7 +40,7 @@ _PNM_COLOUR_HEADER = re.compile(rb"P[36]" + 2 * (_PNM_SPACE + rb"\d+") + _PNM_SP
 
 
 def read_with_pillow(file: BinaryIO, format: str, max_pixels: int) -> tuple[np.ndarray, PictureMetadata, int]:
-    """Decode a file of a known format.
+    """Decodes a file of a known format.
 
     Args:
         file: Open at its start.
@@ -70,7 +70,7 @@ def read_with_pillow(file: BinaryIO, format: str, max_pixels: int) -> tuple[np.n
 
 
 def encode_png16(pixels: np.ndarray, metadata: PictureMetadata) -> bytes:
-    """Encode a 16-bit PNG with more than one channel, which Pillow cannot.
+    """Encodes a 16-bit PNG with more than one channel, which Pillow cannot.
 
     Args:
         pixels: `(height, width, channels)` uint16 with 2, 3 or 4 channels.
@@ -98,7 +98,7 @@ def encode_png16(pixels: np.ndarray, metadata: PictureMetadata) -> bytes:
 
 
 def checked_dpi(dpi: Any) -> tuple[float, float] | None:
-    """Take a resolution as a file gives it, or None where it makes no sense.
+    """Takes a resolution as a file gives it, or None where it makes no sense.
 
     Args:
         dpi: Two numbers, or anything else.
@@ -139,7 +139,7 @@ def _check_avif(file: BinaryIO) -> None:
 
 
 def _exif_in_disguise(image: Image.Image) -> bytes:
-    """EXIF in a PNG text chunk, or an orientation in XMP, as old ImageMagick and some editors leave them."""
+    """Returns EXIF from a PNG text chunk, or an orientation in XMP, as old ImageMagick and some editors leave them."""
     exif = image.getexif()
     return exif.tobytes() if exif else b""
 
@@ -172,7 +172,7 @@ def _png_is_deep_colour(file: BinaryIO) -> bool:
 
 
 def _decode_png(file: BinaryIO) -> np.ndarray:
-    """For 16-bit colour, and for a transparent colour, which libpng turns into alpha at every depth."""
+    """Decodes 16-bit colour, or a transparent colour, which libpng turns into alpha at every depth."""
     decoder = codecs("reading PNG with 16-bit colour or a transparent colour")
     file.seek(0)
     return np.asarray(decoder.png_decode(file.read()))

@@ -32,7 +32,7 @@ _HEIF = re.compile(rb".{4}ftyp(hei[cxms]|hev[cxms]|mif1|msf1)", re.DOTALL)
 
 
 def read(path: str | os.PathLike[str], *, max_pixels: int = DEFAULT_MAX_PIXELS) -> Picture:
-    """Read a picture with its metadata, upright.
+    """Reads a picture with its metadata, upright.
 
     Formats: PNG, JPEG, TIFF, BMP, WebP, GIF, PBM/PGM/PPM and, where Pillow is built with it, AVIF, told by their
     first bytes, whatever the suffix. The dtype is the file's: 16-bit PNG and TIFF stay uint16, float TIFF stays
@@ -81,7 +81,7 @@ def read(path: str | os.PathLike[str], *, max_pixels: int = DEFAULT_MAX_PIXELS) 
 
 
 def list_images(folder: str | os.PathLike[str]) -> list[Path]:
-    """List the picture files that lie in a folder, by suffix.
+    """Lists the picture files that lie in a folder, by suffix.
 
     Args:
         folder: The folder. It is not searched deeper.
@@ -105,7 +105,7 @@ def list_images(folder: str | os.PathLike[str]) -> list[Path]:
 
 
 def _check_file(path: Path) -> None:
-    """Refuse what is not a file with something in it; a pipe would be waited for forever."""
+    """Refuses what is not a file with something in it; a pipe would be waited for forever."""
     try:
         status = path.stat()
     except (FileNotFoundError, NotADirectoryError) as error:

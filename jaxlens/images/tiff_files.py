@@ -32,7 +32,7 @@ _PIXEL_TAGS = frozenset([256, 257, 258, 259, 262, 266, 273, 277, 278, 279, 284, 
 
 
 def read_tiff(file: BinaryIO, max_pixels: int) -> tuple[np.ndarray, PictureMetadata, int]:
-    """Decode the first page of a TIFF or BigTIFF.
+    """Decodes the first page of a TIFF or BigTIFF.
 
     Args:
         file: Open at its start.
@@ -71,7 +71,7 @@ def read_tiff(file: BinaryIO, max_pixels: int) -> tuple[np.ndarray, PictureMetad
 
 
 def write_tiff(file: BinaryIO, pixels: np.ndarray, metadata: PictureMetadata) -> None:
-    """Encode a TIFF, Deflate-compressed where imagecodecs is installed, with straight alpha.
+    """Encodes a TIFF, Deflate-compressed where imagecodecs is installed, with straight alpha.
 
     Args:
         file: Open for writing and reading, empty.
@@ -109,7 +109,7 @@ def write_tiff(file: BinaryIO, pixels: np.ndarray, metadata: PictureMetadata) ->
 
 
 def _check_tags(tiff: "TiffFile", page: "TiffPage") -> None:
-    """Refuse a page of which tifffile dropped a tag that decides what the pixels are."""
+    """Refuses a page of which tifffile dropped a tag that decides what the pixels are."""
     handle, layout = tiff.filehandle, tiff.tiff
     handle.seek(page.offset)
     (count,) = struct.unpack(layout.tagnoformat, handle.read(layout.tagnosize))
@@ -151,7 +151,7 @@ def _check_channels(page: "TiffPage") -> None:
 
 
 def _check_complete(page: "TiffPage", file_size: int) -> None:
-    """Refuse missing strips and tiles, which tifffile would leave blank."""
+    """Refuses missing strips and tiles, which tifffile would leave blank."""
     segments = list(zip(page.dataoffsets, page.databytecounts, strict=False))
     complete = len(segments) == math.prod(page.chunked) and len(page.dataoffsets) == len(page.databytecounts)
     inside = all(size > 0 and 0 < offset <= file_size - size for offset, size in segments)
@@ -202,7 +202,7 @@ def _exif_block(file: BinaryIO) -> bytes | None:
 
 
 def _tags(exif: Directory) -> list[tuple[int | str, int, int, Any, bool]]:
-    """The entries of the main directory as tifffile takes them; those that lead to others are still to be set."""
+    """Returns the entries of the main directory as tifffile takes them; those that lead to others are to be set yet."""
     entries = exif.entries
     return [
         (NESTED[tag], 4, 1, _FIRST_OFFSET, True) if tag in exif.inner else (tag, entries.tagtype[tag], 1, value, True)

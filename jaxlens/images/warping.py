@@ -104,7 +104,7 @@ def warp(
 
 
 def _as_floating(tree, dtype: type[np.floating]):
-    """The same map or frame with its floating numbers in this dtype."""
+    """Returns the same map or frame with its floating numbers in this dtype."""
 
     def converted(leaf):
         # By NumPy, which knows double precision whatever JAX is set to.
@@ -153,7 +153,7 @@ def _straight(
 
 
 def _fill_values(picture: Picture, fill: ArrayLike | Sequence[float] | None, full: float) -> np.ndarray:
-    """One fill value for each channel; without any, black or transparent."""
+    """Returns one fill value for each channel; without any, black or transparent."""
     channels = picture.pixels.shape[2] if picture.pixels.ndim == 3 else 1
     if fill is None:
         return np.zeros(channels)
@@ -177,7 +177,7 @@ def _fill_values(picture: Picture, fill: ArrayLike | Sequence[float] | None, ful
 
 
 def _opaque(picture: Picture) -> float:
-    """The alpha of an opaque pixel: the largest integer; in floating pictures 1, unless they go beyond."""
+    """Returns the alpha of an opaque pixel: the largest integer; in floating pictures 1, unless they go beyond."""
     pixels = picture.pixels
     if pixels.dtype.kind in "iu":
         return float(np.iinfo(pixels.dtype).max)

@@ -32,7 +32,7 @@ def write(
     overwrite: bool = False,
     quality: int | None = None,
 ) -> None:
-    """Write a picture in the format of the suffix, without converting its pixels.
+    """Writes a picture in the format of the suffix, without converting its pixels.
 
     | suffix | dtype | channels |
     |---|---|---|
@@ -141,7 +141,7 @@ def _check_quality(quality: int | None, known: FileFormat) -> None:
 
 
 def _fitting(metadata: PictureMetadata, pixels: np.ndarray) -> PictureMetadata:
-    """The metadata without a profile that is for another kind of colour: readers reject or misapply it."""
+    """Leaves out a profile that is for another kind of colour: readers reject or misapply it."""
     profile = metadata.icc_profile
     if profile and _channels(pixels) not in _ICC_CHANNELS.get(profile[16:20], ()):
         profile = None

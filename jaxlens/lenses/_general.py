@@ -26,7 +26,7 @@ Plane = Float[Array, "*batch"]
 
 @in_turns
 def lies_inside(lens: Any, x: Plane, y: Plane) -> Bool[Array, "*batch"]:
-    """Whether ideal points lie in the lens's region: at most three numbers to compare if all lie well inside."""
+    """Tells whether ideal points lie in the lens's region, by three numbers at most if all lie well inside."""
     region = find_region(lens.distort, jnp.zeros(2, x.dtype))
 
     def by_its_place(x, y):

@@ -64,7 +64,7 @@ class Lens(CoordinateMap):
         """Maps ideal points `(..., 2)` to observed ones."""
 
     def __call__(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2"]:
-        """Is `distort`."""
+        """Maps ideal points `(..., 2)` to observed ones, as `distort`."""
         return self.distort(points)
 
     @jitted
@@ -74,12 +74,12 @@ class Lens(CoordinateMap):
 
     @jitted
     def one_to_one(self, points: Float[ArrayLike, "*batch 2"]) -> Bool[Array, "*batch"]:
-        """Whether ideal points lie before the first fold on their ray from the origin."""
+        """Tells whether ideal points lie before the first fold on their ray from the origin."""
         x, y = split(as_points(points))
         return lies_inside(*lax.stop_gradient((self, x, y)))
 
     def surely_one_to_one(self, points: Float[Array, "*batch 2"]) -> Bool[Array, "*batch"] | None:
-        """Whether ideal points lie nearer to the origin than the nearest fold."""
+        """Tells whether ideal points lie nearer to the origin than the nearest fold."""
         lens, points = lax.stop_gradient((self, points))
         return find_region(lens.distort, jnp.zeros(2, points.dtype)).surely(*split(points))
 
@@ -118,7 +118,7 @@ class Lens(CoordinateMap):
         return join(jnp.where(valid, x, jnp.nan), jnp.where(valid, y, jnp.nan))
 
     def _solved(self, points: ArrayLike) -> tuple["Lens", Array, Array, Array]:
-        """The lens and finite observed points in a common dtype, their ideal points without derivatives, the status."""
+        """Returns the lens and finite observed points in one dtype, ideal points without derivatives, the status."""
         # At least in single precision: complex numbers, which the solver packs points into, have no half.
         points = as_points(points)
         points = points.astype(jnp.promote_types(points.dtype, jnp.float32))
@@ -153,12 +153,12 @@ class RadialLens(Lens):
         return self.scaled(x, y, self.factor(x * x + y * y))
 
     def surely_one_to_one(self, points: Float[Array, "*batch 2"]) -> None:
-        """Is none: to compare each point's radius with the fold's is as quick."""
+        """Returns None: to compare each point's radius with the fold's is as quick."""
         return None
 
     @jitted
     def one_to_one(self, points: Float[ArrayLike, "*batch 2"]) -> Bool[Array, "*batch"]:
-        """Whether ideal points lie within the fold radius."""
+        """Tells whether ideal points lie within the fold radius."""
         x, y = self.offset(points)
         return x * x + y * y <= self.fold_radius() ** 2
 
@@ -223,7 +223,7 @@ class RadialLens(Lens):
         return radius * self.factor(radius * radius)
 
     def _ideal_scale(self, squared: Float[Array, "*batch"]) -> tuple[Float[Array, "*batch"], Int8[Array, "*batch"]]:
-        """The ratio of ideal to observed radius at squared observed radii, and the `InverseStatus`; ∞ is not finite."""
+        """Returns the ratio of ideal to observed radius at squared observed radii, and the `InverseStatus`."""
         finite = squared <= jnp.finfo(squared.dtype).max
         lens, squared = _in_common_dtype(self, jnp.where(finite, squared, 0))
         fold, edge = lens.fold_radius(), lens.edge_radius()
@@ -240,7 +240,7 @@ class RadialLens(Lens):
 
 
 def _in_common_dtype(lens: Lens, arrays: Any) -> tuple[Any, Any]:
-    """A lens and arrays in the dtype that all promote to: a fold in a coarser one would not fit the points."""
+    """Brings a lens and arrays to one dtype: a fold found in a coarser one would not fit the points."""
     parameters, rest = eqx.partition(lens, eqx.is_inexact_array)
     dtype = jnp.result_type(*jax.tree.leaves((parameters, arrays)))
     parameters, arrays = jax.tree.map(lambda leaf: leaf.astype(dtype), (parameters, arrays))
@@ -273,7 +273,7 @@ def _solve(
 
 @jax.custom_jvp
 def _squared_radius(x: Array, y: Array) -> Array:
-    """`x² + y²`, or ∞ where that is not finite."""
+    """Returns `x² + y²`, or ∞ where that is not finite."""
     squared = x * x + y * y
     # A comparison, because XLA would rather write a plane to memory than compute `isfinite` twice.
     return jnp.where(squared <= jnp.finfo(squared.dtype).max, squared, jnp.inf)

@@ -39,14 +39,14 @@ class Region(eqx.Module):
     observed: Float[Array, " directions"]
 
     def surely(self, x: Float[Array, "*batch"], y: Float[Array, "*batch"]) -> Bool[Array, "*batch"]:
-        """Whether points at offsets (x, y) from the centre lie before the nearest fold of all."""
+        """Tells whether points at offsets (x, y) from the centre lie before the nearest fold of all."""
         nearest = (1 - _MARGIN) * jnp.min(self.edges)
         return x * x + y * y <= nearest * nearest
 
     def contains(
         self, x: Float[Array, "*batch"], y: Float[Array, "*batch"], determinant: Float[Array, "*batch"]
     ) -> Bool[Array, "*batch"]:
-        """Whether points at offsets (x, y) from the centre, of these Jacobian determinants, lie in the region.
+        """Tells whether points at offsets (x, y) from the centre, of these Jacobian determinants, lie in the region.
 
         The rays beside a point say between which radii the edge lies; there the point's own determinant decides.
         """
@@ -68,7 +68,7 @@ class Region(eqx.Module):
         return join(self.center[0] + x * scale, self.center[1] + y * scale)
 
     def beyond(self, x: Float[Array, "*batch"], y: Float[Array, "*batch"]) -> Bool[Array, "*batch"]:
-        """Whether observed points, at offsets (x, y) from the centre's image, lie beyond the image of every fold."""
+        """Tells whether observed points, at offsets (x, y) from the centre's image, lie beyond every fold's image."""
         farthest = (1 + _MARGIN) * jnp.max(self.observed)
         return x * x + y * y > farthest * farthest
 
@@ -103,7 +103,7 @@ def _along(center: Array, rays: Array, radius: Array) -> Array:
 
 
 def _rays() -> Float[np.ndarray, "directions 2"]:
-    """Unit vectors, whose `_turn`s are the whole numbers."""
+    """Returns unit vectors whose `_turn`s are the whole numbers."""
     turn = 4 * np.arange(_DIRECTIONS) / _DIRECTIONS
     corners = np.stack([np.abs(turn - 2), np.abs((turn - 1) % 4 - 2)], axis=-1) - 1
     return corners / np.hypot(*corners.T)[:, None]

@@ -35,7 +35,7 @@ class FaceShape(eqx.Module):
         jaw_width: Breadth of the lower face.
         brow: Height of the ridges above the eyes.
         eye_distance: Between the pupils.
-        eye_radius: Of the eyeballs.
+        eye_radius: Radius of the eyeballs.
         socket: Depth of the eye sockets.
         nose_y: Where the nose tip stands, below the pupils.
         nose_height: How far the nose tip stands out from the face without features.
@@ -85,7 +85,7 @@ class FaceShape(eqx.Module):
 
     @jitted
     def inside(self, x: Float[ArrayLike, "*batch"], y: Float[ArrayLike, "*batch"]) -> Bool[Array, "*batch"]:
-        """Whether (x, y) lies on the head."""
+        """Tells whether (x, y) lies on the head."""
         return jnp.maximum(*outlines(self, as_floating(x), as_floating(y))) > _RIM
 
     @jitted
@@ -105,8 +105,8 @@ def face(height: int, width: int, *, shape: FaceShape | None = None, view: Float
     """Makes the depth map of a face seen from the front.
 
     Args:
-        height: Of the picture, in pixels.
-        width: Of the picture, in pixels.
+        height: Height of the picture, in pixels.
+        width: Width of the picture, in pixels.
         shape: The face's measures; a mean face by default.
         view: What the picture's height shows, in head heights; the width shows as much as its pixels, which are
             square, hold. The head, about 0.64 wide, is cut off where the picture is narrower.

@@ -68,7 +68,7 @@ def albedo(shape: "FaceShape", x: Array, y: Array) -> Float[Array, "*batch"]:
 
 
 def _folds(shape: "FaceShape", x: Array, y: Array) -> Array:
-    """All that hills and hollows do: forehead, brows, sockets, temples, cheeks, the folds to the mouth, teeth, chin."""
+    """Sums all hills and hollows: forehead, brows, sockets, temples, cheeks, the folds to the mouth, teeth, chin."""
     eye, mouth, corner = 0.5 * shape.eye_distance, shape.mouth_y, 0.5 * shape.mouth_width
     sides = (
         (shape.brow, 0.095, -0.080, 0.065, 0.024, -0.12),
@@ -116,7 +116,7 @@ def _eye_opening(shape: "FaceShape", x: Array, y: Array) -> Array:
 
 
 def _nose(shape: "FaceShape", x: Array, y: Array) -> Array:
-    """Bridge, tip and wings, joined as probabilities are: a + b − ab never exceeds its bound."""
+    """Joins bridge, tip and wings as probabilities are: a + b − ab never exceeds its bound."""
     tip, high, wing = shape.nose_y, shape.nose_height, 0.5 * shape.nose_width
     t = (y + 0.03) / (tip + 0.03)  # zero at the root, one at the tip
     half = 0.024 + 0.014 * _step(t - 0.62, 0.12) - 0.003 * _bell(t - 0.05, 0.2)
@@ -171,7 +171,7 @@ def _step(t: Array, width: float) -> Array:
 
 
 def _lobe(q: Array, roundness: float) -> Array:
-    """A hill over the squared distance q, flatter on top than a Gaussian."""
+    """Returns a hill over the squared distance q, flatter on top than a Gaussian."""
     return jnp.exp(-q * (q + 0.15) / (q + roundness))
 
 
@@ -184,7 +184,7 @@ def _soft_maximum(a: Array, b: Array, width: float) -> Array:
 
 
 def _soft_root(t: Array, softness) -> Array:
-    """√t for t well above zero, going to zero smoothly below."""
+    """Returns √t for t well above zero, going to zero smoothly below."""
     return jnp.sqrt(0.5 * (t + jnp.sqrt(t * t + softness * softness)))
 
 

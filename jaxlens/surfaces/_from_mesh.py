@@ -37,8 +37,8 @@ def from_mesh(
 
     Args:
         mesh: The mesh; `jaxlens.meshes.read` reads one from a file.
-        height: Of the picture, in pixels.
-        width: Of the picture, in pixels.
+        height: Height of the picture, in pixels.
+        width: Width of the picture, in pixels.
         projection: `orthographic`, or `perspective`.
         field_of_view: In perspective, the angle in degrees that the picture's height spans.
         center: (x, y, z), what stands in the middle of the picture; the middle of the mesh's bounding box by default.

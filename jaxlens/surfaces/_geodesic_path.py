@@ -93,7 +93,7 @@ def _descend(depth_map: DepthMap, distance: Array, start: Array, *, max_points: 
     depth = padded_depth(depth_map)
 
     def towards(point):
-        """The vector from the source, in pixels, as the descent has it: exact on planes."""
+        """Returns the vector from the source, in pixels, as the descent has it: exact on planes."""
         p, q = jax.grad(cubic_at, argnums=1)(depth, point) / depth_map.spacing
         e, f = 0.5 * jax.grad(cubic_at, argnums=1)(smooth, point) / depth_map.spacing
         area = 1 + p * p + q * q

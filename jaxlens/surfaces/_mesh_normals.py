@@ -35,8 +35,8 @@ def normals_from_mesh(
 
     Args:
         mesh: As for `from_mesh`, and so are the others.
-        height: Of the picture, in pixels.
-        width: Of the picture, in pixels.
+        height: Height of the picture, in pixels.
+        width: Width of the picture, in pixels.
         projection: `orthographic`, or `perspective`.
         field_of_view: In perspective, the angle in degrees that the picture's height spans.
         center: (x, y, z), what stands in the middle of the picture.

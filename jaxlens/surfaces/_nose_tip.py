@@ -63,7 +63,7 @@ def nose_tip(depth_map: DepthMap) -> Float[Array, "2"]:
 
 
 def _above_plane(columns: Array, rows: Array, depth: Array, weight: Array) -> Array:
-    """The depth less the plane of least squares, whose normal equations are 2×2 about the mean."""
+    """Returns the depth less the plane of least squares, whose normal equations are 2×2 about the mean."""
     total = jnp.maximum(jnp.sum(weight), 1)
     x, y, z = (values - jnp.sum(weight * values) / total for values in (columns, rows, depth))
     xx, xy, yy, xz, yz = (jnp.sum(weight * a * b) / total for a, b in ((x, x), (x, y), (y, y), (x, z), (y, z)))
@@ -74,7 +74,7 @@ def _above_plane(columns: Array, rows: Array, depth: Array, weight: Array) -> Ar
 
 
 def _smoothed(values: Array, weight: Array, sigma: Array) -> Array:
-    """A Gaussian mean over the mask. Products of matrices, because sigma is only known when it runs."""
+    """Returns a Gaussian mean over the mask, by products of matrices because sigma is only known when it runs."""
 
     def kernel(size):
         index = jnp.arange(size, dtype=values.dtype)
@@ -88,7 +88,7 @@ def _smoothed(values: Array, weight: Array, sigma: Array) -> Array:
 
 
 def _summit(patch: Array) -> Array:
-    """Where the quadratic of least squares through 3×3 values is highest, (x, y) from the middle, within a pixel."""
+    """Finds where the least-squares quadratic of 3×3 values is highest: (x, y) from the middle, within a pixel."""
     columns, rows = jnp.sum(patch, axis=0), jnp.sum(patch, axis=1)
     x, y = (columns[2] - columns[0]) / 6, (rows[2] - rows[0]) / 6
     xx = (columns[0] - 2 * columns[1] + columns[2]) / 3

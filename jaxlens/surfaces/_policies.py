@@ -98,7 +98,7 @@ def _ratio(a: Array, b: Array) -> Array:
 
 
 def _walk(share: Array, offset: Vector, middle: Vector, edge: Vector) -> tuple[Vector, Vector]:
-    """X − Y and Y − S, from X − S, X − B and A − B."""
+    """Returns X − Y and Y − S, from X − S, X − B and A − B."""
     step = (middle[0] - share * edge[0], middle[1] - share * edge[1], middle[2] - share * edge[2])
     return step, (offset[0] - step[0], offset[1] - step[1], offset[2] - step[2])
 
@@ -121,7 +121,7 @@ class _Neighbours:
 
 
 def _vectors(field: Field, heights: _Neighbours, middle: Array, beside: Array) -> tuple[Vector, Vector]:
-    """X − B and A − B for one triangle, as planes."""
+    """Returns X − B and A − B for one triangle, as planes."""
     dx, dy = field.spacing
     z_middle = heights.at(middle)
     edge = beside - middle
@@ -160,7 +160,7 @@ def smallest_excess(
         sources = field.sources[:, jnp.array((0, 1, 2) if direction < 2 else (1, 0, 2))]
 
         def best(before, row):
-            """The smallest u for a source, with X − S, from the row before."""
+            """Returns the smallest u for a source, with X − S, from the row before."""
             (u_left, u_middle, u_right), (z_left, z_middle, z_right) = before
             x, y, z, chord, inverse = row
             rise = z - z_middle
@@ -333,7 +333,7 @@ def _refined(policy: Policy, u: Array, field: Field) -> Policy:
 
 
 def _chosen(policy: Policy, field: Field) -> tuple[tuple[Vector, Vector], tuple[Array, Array]]:
-    """X − B and A − B for the triangle of each pixel, and the flat indices of B and A."""
+    """Returns X − B and A − B for the triangle of each pixel, and the flat indices of B and A."""
     height, width = field.depth.shape
     dx, dy = field.spacing
     triangle = jnp.maximum(policy.triangle, 0)

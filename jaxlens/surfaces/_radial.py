@@ -75,7 +75,7 @@ def _steps(depth_map: DepthMap, source: Array) -> tuple[Array, Array]:
 
 
 def _cone(depth_map: DepthMap, padded: Array, source: Array, z_source: Array) -> Array:
-    """The lengths at pixels that are at least as many rows as columns away; anything elsewhere."""
+    """Returns the lengths at pixels that are at least as many rows as columns away; anything elsewhere."""
     height, width = depth_map.shape
     dx, dy = depth_map.spacing
     count = max(height, width)
@@ -124,7 +124,7 @@ def _straight(along: Array, rise: Array) -> Array:
 
 
 def _crossed(mask: Array, padded: Array, crossings: Array) -> tuple[Array, Array]:
-    """The depth where rays cross the rows, and whether there is surface."""
+    """Returns the depth where rays cross the rows, and whether there is surface."""
     height, width = mask.shape
     padded = padded[MARGIN:-MARGIN]
     place = jnp.clip(crossings, -0.5, width - 0.5)

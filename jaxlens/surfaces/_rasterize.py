@@ -29,8 +29,8 @@ def rasterize_faces(
         points: `(V, 2)` pixel coordinates (x, y) of the vertices, pixel centres at integers.
         values: `(V,)` at the vertices, linear between them.
         faces: `(F, 3)` vertices of the triangles. Those without area are ignored.
-        height: Of the picture.
-        width: Of the picture.
+        height: Height of the picture.
+        width: Width of the picture.
 
     Returns:
         `(height, width)`, −∞ where there is no triangle; and the triangle's row in `faces`, −1 where there is none.

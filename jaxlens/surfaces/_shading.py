@@ -89,7 +89,7 @@ def shade(
 
 
 def _slope(depth: Float[Array, "height width"], mask: Bool[Array, "height width"], axis: int) -> Array:
-    """The difference a pixel along an axis, from those neighbours that are inside the mask."""
+    """Returns the difference a pixel along an axis, from those neighbours that are inside the mask."""
     depth = jnp.where(mask, depth, 0)
 
     def shifted(values, offset):

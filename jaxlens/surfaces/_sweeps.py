@@ -12,7 +12,7 @@ DIRECTIONS = range(4)
 
 
 def turned(direction: int, values: Array) -> Array:
-    """The array with the direction's lines as rows; its own inverse."""
+    """Returns the array with the direction's lines as rows; its own inverse."""
     return values if direction < 2 else values.T
 
 

@@ -91,7 +91,7 @@ def test_a_bar_on_a_terminal(run, pair, monkeypatch):
     done = []
     bar = contextlib.nullcontext(lambda *steps: done.append(steps))
     monkeypatch.setattr("jaxlens.cli.compare.progress_of", lambda description: bar)
-    monkeypatch.setattr("jaxlens.metrics.strips._SAMPLES", 32 * 3 * 10)
+    monkeypatch.setattr("jaxlens.metrics._strips._SAMPLES", 32 * 3 * 10)
     assert run("compare", *pair[:2]).code == 0
     assert done == [(10, 24), (20, 24), (24, 24)]
 

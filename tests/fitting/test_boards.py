@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import jaxlens as jl
-from jaxlens.fitting import Boards, FitError, FitStatus, FitWarning, Poses, calibrate, evaluate
+from jaxlens.fitting import Boards, FitError, FitStatus, FitWarning, Poses, calibrate, validate
 from jaxlens.fitting._poses import rotation_matrix, rotation_vector
 
 SIZE = (640, 480)
@@ -288,7 +288,7 @@ def _calibrate_about(focal_length, coefficients):
     return calibrate(jl.BrownConrady(coefficients), boards, SIZE, camera_matrix=start, fixed=("cx", "cy"))
 
 
-def test_a_fixed_centre_and_a_camera_to_start_from(x64):
+def test_a_fixed_center_and_a_camera_to_start_from(x64):
     """What is fixed stays where it was; near or far, with the lens or without it, the minimum is the same."""
     fit = _calibrate_about(540.0, DISTORTION)
     assert fit.names == ("fx", "fy", "k1", "k2", "p1", "p2", "k3")
@@ -329,13 +329,13 @@ def test_held_out_views(x64):
     exact = _views(poses)
     lens, frame = jl.BrownConrady(DISTORTION), jl.Frame.from_camera_matrix(CAMERA)
     # With the true camera the poses of exact views are exact.
-    known = evaluate(lens, frame, Boards(BOARD, exact))
+    known = validate(lens, frame, Boards(BOARD, exact))
     np.testing.assert_allclose(_vectors(known.poses), poses, rtol=0, atol=1e-9)
     assert float(known.rms) < 1e-9
     assert np.all(np.asarray(known.status) == FitStatus.CONVERGED)
     # With noise they are OpenCV's, and what is left is the noise less what the poses take of it.
     seen = _noisy(exact, 8)
-    held = evaluate(lens, frame, Boards(BOARD, seen))
+    held = validate(lens, frame, Boards(BOARD, seen))
     corners = np.column_stack([BOARD, np.zeros(54)])
     for view in range(12):
         _, rotation, translation = cv2.solvePnP(corners, seen[view], CAMERA, DISTORTION)
@@ -357,12 +357,12 @@ def test_held_out_views(x64):
     assert float(held.rms) == pytest.approx(expected, rel=4 / np.sqrt(2 * 12 * (108 - 6)))
     assert float(held.rms) == pytest.approx(np.sqrt(np.mean(np.square(held.per_view_rms))), rel=1e-12)
     # The fitted camera does nearly as well on them as the true one.
-    fitted = evaluate(fit.lens, fit.frame, Boards(BOARD, seen))
+    fitted = validate(fit.lens, fit.frame, Boards(BOARD, seen))
     assert 1 - 1e-3 < float(fitted.rms / held.rms) < 1.02
     # A view of three corners cannot be judged, and does not disturb the others.
     gaps = seen.copy()
     gaps[3, 3:] = np.nan
-    some = evaluate(lens, frame, Boards(BOARD, gaps))
+    some = validate(lens, frame, Boards(BOARD, gaps))
     assert some.status.tolist() == [FitStatus.TOO_FEW if view == 3 else FitStatus.CONVERGED for view in range(12)]
     others = np.arange(12) != 3
     np.testing.assert_allclose(some.per_view_rms[others], held.per_view_rms[others], rtol=1e-9)

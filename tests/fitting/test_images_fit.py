@@ -143,7 +143,7 @@ def test_another_picture_altogether(x64):
 
 
 @pytest.mark.slow
-def test_a_centre_of_its_own(x64):
+def test_a_center_of_its_own(x64):
     """Two per cent of the width, either way; the unit is half the diagonal."""
     for pair, shift in (((1.0, 2.0), (0.02, -0.02)), ((0.0, 1.0), (-0.02, 0.01))):
         center = np.array(shift) * SIZE / (SIZE / np.sqrt(2))
@@ -221,6 +221,6 @@ def test_what_no_fit_could_use(x64, unchecked, source, distorted, keywords, mess
         fit_images(jl.Division(0.0), source, distorted, **keywords)
 
 
-def test_a_lens_without_a_centre_has_none_to_fit():
+def test_a_lens_without_a_center_has_none_to_fit():
     with pytest.raises(ValueError, match="BrownConrady has none"):
         fit_images(jl.BrownConrady(np.zeros(4)), SMALL, SMALL, center=True)

@@ -177,7 +177,7 @@ def test_a_ragged_list_is_a_padded_array(x64):
 
 
 @pytest.mark.filterwarnings("ignore::jaxlens.fitting.FitWarning")
-def test_lines_through_the_centre_say_nothing(x64):
+def test_lines_through_the_center_say_nothing(x64):
     """They stay straight under every radial lens; what lens the fit ends with, folding or not, means nothing."""
     lines = _straight(offset=0.0)
     with pytest.raises(FitError, match=r"do not determine .*give more varied data"):

@@ -105,7 +105,7 @@ def test_exact_data_give_the_lens_back(x64, case):
     assert not fit.folds
 
 
-def test_without_a_centre_it_is_linear_regression(x64):
+def test_without_a_center_it_is_linear_regression(x64):
     """Closed form: the observed points are linear in the coefficients."""
     ideal, observed = _noisy()
     weights = np.random.default_rng(2).uniform(0.3, 3, COUNT)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxlens as jl
-from jaxlens.projections import integral_projections, projection_displacement
+from jaxlens.profiles import integral_projections, profile_displacement
 
 X = np.arange(160.0)
 
@@ -40,7 +40,7 @@ def test_what_is_masked_does_not_count(x64):
 
 @pytest.mark.parametrize("shift", [0.0, 3.0, -7.0, 2.4, -5.5])
 def test_a_shift(x64, shift):
-    found = projection_displacement(_profile(X), 3 + 0.5 * _profile(X - shift))
+    found = profile_displacement(_profile(X), 3 + 0.5 * _profile(X - shift))
     valid = np.asarray(found.valid)
     whole = shift == round(shift)
     # The parabola is exact in the middle and at whole shifts, and biased by a few hundredths between.
@@ -57,7 +57,7 @@ def test_a_shift(x64, shift):
 
 def test_a_stretch(x64):
     """`other(x) = reference(80 + (x − 80) / 1.05)`: element i has moved by 0.05 (i − 80)."""
-    found = projection_displacement(_profile(X), _profile(80 + (X - 80) / 1.05), window=21)
+    found = profile_displacement(_profile(X), _profile(80 + (X - 80) / 1.05), window=21)
     valid = np.asarray(found.valid) & (np.asarray(found.score) > 0.9)
     error = np.abs(np.asarray(found.displacement) - 0.05 * (X - 80))[valid]
     assert valid.sum() >= 100
@@ -77,7 +77,7 @@ def test_a_lens_moves_the_lines_of_a_grid(x64):
         warped = jl.distort_image(picture, jl.RadialPolynomial([kappa]), frame=frame, border="edge")
         mask = np.zeros((height, width), bool)
         mask[:, 80] = True
-        found = projection_displacement(
+        found = profile_displacement(
             integral_projections(picture, mask=mask).horizontal,
             integral_projections(warped, mask=mask).horizontal,
             window=21,
@@ -92,7 +92,7 @@ def test_a_lens_moves_the_lines_of_a_grid(x64):
 
 def test_a_flat_vector_has_no_displacement(dtype):
     flat = np.full(160, 7, dtype)
-    found = projection_displacement(flat, _profile(X).astype(dtype))
+    found = profile_displacement(flat, _profile(X).astype(dtype))
     assert not bool(found.valid.any())
     assert np.isfinite(found.displacement).all()
     assert float(found.shift) == 0
@@ -105,7 +105,7 @@ def test_derivatives(x64):
 
     @jax.jit
     def value(reference, other):
-        found = projection_displacement(reference, other)
+        found = profile_displacement(reference, other)
         return jnp.sum(found.displacement[60:100]) + found.shift
 
     gradients = jax.jit(jax.grad(value, argnums=(0, 1)))(jnp.asarray(reference), jnp.asarray(other))
@@ -130,9 +130,9 @@ def test_misuse():
     with pytest.raises(ValueError, match=r"booleans of the image's shape \(2, 3\), got bool \(3, 2\)"):
         integral_projections(np.zeros((2, 3)), mask=np.ones((3, 2), bool))
     with pytest.raises(ValueError, match=r"got \(5,\) and \(6,\)"):
-        projection_displacement(np.zeros(5), np.zeros(6))
+        profile_displacement(np.zeros(5), np.zeros(6))
     for window in (1, 10, 51):
         with pytest.raises(ValueError, match=f"window must be odd.*got {window}"):
-            projection_displacement(np.zeros(50), np.zeros(50), window=window)
+            profile_displacement(np.zeros(50), np.zeros(50), window=window)
     with pytest.raises(ValueError, match="largest must be"):
-        projection_displacement(np.zeros(50), np.zeros(50), largest=0)
+        profile_displacement(np.zeros(50), np.zeros(50), largest=0)

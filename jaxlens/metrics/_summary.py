@@ -6,14 +6,14 @@ from functools import partial
 import jax
 from jaxtyping import Array, Float
 
-from jaxlens.metrics.inputs import Image, Mask, RealScalar, check_data_range, check_images
-from jaxlens.metrics.table import METRICS, Metric
+from jaxlens.metrics._inputs import Image, Mask, RealScalar, check_data_range, check_images
+from jaxlens.metrics._table import METRICS, Metric
 
 
 def evaluate(
     reference: Image, image: Image, *, data_range: RealScalar, mask: Mask | None = None
 ) -> dict[str, Float[Array, ""]]:
-    """Every metric of the table `METRICS` at once, each with its defaults.
+    """Computes every metric of the table `METRICS`, each with its defaults.
 
     Args:
         reference: `(H, W)` or `(H, W, C)`, any real dtype.

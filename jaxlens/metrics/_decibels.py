@@ -5,7 +5,7 @@ from jaxtyping import Array
 
 
 def decibels(signal: Array, noise: Array) -> Array:
-    """Ten times the common logarithm of a ratio of powers: `inf` without noise, `-inf` without signal.
+    """Returns ten times the common logarithm of a ratio of powers: `inf` without noise, `-inf` without signal.
 
     Each 0 is replaced before its logarithm is taken, so that the derivative is 0 there and not NaN.
     """

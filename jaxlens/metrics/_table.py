@@ -7,11 +7,11 @@ from functools import partial
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxlens.metrics.decibels import decibels
-from jaxlens.metrics.inputs import Image, Mask, RealScalar
-from jaxlens.metrics.pointwise import mae, minkowski, mse, psnr, range_snr, rmse, snr
-from jaxlens.metrics.structural import SSIM_SIGMA, UQI_WINDOW, gaussian_size, ssim, uqi
-from jaxlens.metrics.totals import MINKOWSKI_P, Totals
+from jaxlens.metrics._decibels import decibels
+from jaxlens.metrics._inputs import Image, Mask, RealScalar
+from jaxlens.metrics._pointwise import mae, minkowski, mse, psnr, range_snr, rmse, snr
+from jaxlens.metrics._structural import SSIM_SIGMA, UQI_WINDOW, gaussian_size, ssim, uqi
+from jaxlens.metrics._totals import MINKOWSKI_P, Totals
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Metric:
     Attributes:
         function: `function(reference, image, mask=…)`, with `data_range=…` too if `takes_range`; a scalar.
         label: Its name as people write it.
-        unit: Of its values; empty if they have none.
+        unit: Unit of its values; empty if they have none.
         meaning: What it is, in a few words.
         takes_range: It needs the images' dynamic range, L of Eq. 8.
         window: The side in pixels of the windows of which it is the mean; 0 if it has none. It is NaN where an image
@@ -102,4 +102,4 @@ METRICS: dict[str, Metric] = {
         from_totals=lambda totals: totals.minkowski,
     ),
 }
-"""By name, in the order of tables. A program may add its own."""
+"""The metrics by name, in the order of tables. A program may add its own."""

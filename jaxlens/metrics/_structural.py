@@ -1,7 +1,7 @@
 """Metrics of local structure: the universal quality index (Section 2.5) and the structural similarity index.
 
 Both compare two images window by window and average over the windows. They follow the rules of
-`jaxlens.metrics.pointwise` on dtypes, and these on windows:
+`jaxlens.metrics`, and these on windows:
 
 - A window counts when it lies wholly inside the image; there is no padding.
 - With a mask, a window counts when, moreover, all its pixels are in the mask: the mask's border is treated as
@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from jaxlens.metrics.inputs import (
+from jaxlens.metrics._inputs import (
     Image,
     Mask,
     RealScalar,
@@ -30,7 +30,7 @@ from jaxlens.metrics.inputs import (
     over_channels,
     pair,
 )
-from jaxlens.metrics.windows import (
+from jaxlens.metrics._windows import (
     Kernel,
     LocalStatistics,
     Planes,
@@ -62,7 +62,7 @@ class QualityFactors(NamedTuple):
 
 
 def uqi(reference: Image, image: Image, *, window: int = UQI_WINDOW, mask: Mask | None = None) -> Float[Array, ""]:
-    """Universal quality index of Wang and Bovik (IEEE Signal Processing Letters 9(3), 2002), in [−1, 1].
+    """Returns the universal quality index of Wang and Bovik (IEEE Signal Processing Letters 9(3), 2002), in [−1, 1].
 
     In each window the index is the product of correlation, luminance and contrast,
     4 σxy x̄ ȳ / ((σx² + σy²)(x̄² + ȳ²)). A window in which both images are flat has no structure to compare:
@@ -98,7 +98,7 @@ def uqi(reference: Image, image: Image, *, window: int = UQI_WINDOW, mask: Mask 
 def uqi_components(
     reference: Image, image: Image, *, window: int = UQI_WINDOW, mask: Mask | None = None
 ) -> QualityFactors:
-    """The universal quality index's factors: loss of correlation, luminance distortion, contrast distortion.
+    """Returns the factors of the universal quality index: loss of correlation, luminance and contrast distortion.
 
     Args:
         reference: `(H, W)` or `(H, W, C)`, any real dtype.
@@ -131,7 +131,7 @@ def ssim(
     sample_covariance: bool = False,
     mask: Mask | None = None,
 ) -> Float[Array, ""]:
-    """Structural similarity of Wang, Bovik, Sheikh and Simoncelli (IEEE Trans. Image Processing 13(4), 2004).
+    """Returns the structural similarity of Wang, Bovik, Sheikh, Simoncelli (IEEE Trans. Image Processing 13(4), 2004).
 
     The defaults are that paper's: an 11×11 Gaussian window of σ = 1.5, and windows wholly inside the image.
     They agree with scikit-image's `structural_similarity(..., gaussian_weights=True, sigma=1.5,
@@ -182,7 +182,7 @@ def ssim(
 
 
 def gaussian_size(sigma: float) -> int:
-    """Side of the Gaussian window: cut at 3.5 σ, as in scikit-image, which is 11 for the default σ = 1.5."""
+    """Returns the side of the Gaussian window: cut at 3.5 σ, as in scikit-image; 11 for the default σ = 1.5."""
     return 2 * int(3.5 * sigma + 0.5) + 1
 
 
@@ -257,7 +257,7 @@ def _luminance(statistics: LocalStatistics) -> Array:
 
 
 def _ratio(numerator: Array, denominator: Array) -> Array:
-    """A ratio that is 1, with a derivative of 0, where the denominator vanishes."""
+    """Returns a ratio that is 1, with a derivative of 0, where the denominator vanishes."""
     vanishes = denominator == 0
     one = lax.full_like(denominator, 1)
     return lax.select(vanishes, one, numerator / lax.select(vanishes, one, denominator))

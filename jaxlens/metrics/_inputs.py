@@ -29,7 +29,7 @@ class Pair(NamedTuple):
 
 
 def check_shapes(reference: ArrayLike, image: ArrayLike) -> None:
-    """Refuse what is not a pair of images.
+    """Refuses what is not a pair of images.
 
     Raises:
         ValueError: if the images are not `(H, W)` or `(H, W, C)`, are empty, complex, or differ in shape.
@@ -52,7 +52,7 @@ def check_shapes(reference: ArrayLike, image: ArrayLike) -> None:
 
 
 def check_images(reference: ArrayLike, image: ArrayLike, mask: ArrayLike | None) -> tuple[Array, Array, Array | None]:
-    """Refuse what is not a pair of images, and hand back JAX arrays.
+    """Refuses what is not a pair of images, and hands back JAX arrays.
 
     Raises:
         ValueError: if the images are not `(H, W)` or `(H, W, C)`, are empty, complex, or differ in shape,
@@ -74,7 +74,7 @@ def check_images(reference: ArrayLike, image: ArrayLike, mask: ArrayLike | None)
 
 
 def check_positive(name: str, value: RealScalar, advice: str) -> None:
-    """Refuse a concrete number that is not above 0; a traced one cannot be judged here.
+    """Refuses a concrete number that is not above 0; a traced one cannot be judged here.
 
     Raises:
         ValueError: if the value is known now and is 0, negative or NaN.
@@ -84,7 +84,7 @@ def check_positive(name: str, value: RealScalar, advice: str) -> None:
 
 
 def check_data_range(data_range: RealScalar) -> None:
-    """Refuse a concrete dynamic range that is not above 0.
+    """Refuses a concrete dynamic range that is not above 0.
 
     Raises:
         ValueError: if the range is known now and is 0, negative or NaN.
@@ -93,7 +93,7 @@ def check_data_range(data_range: RealScalar) -> None:
 
 
 def check_window(name: str, size: int, shape: tuple[int, ...]) -> None:
-    """Refuse a window that is empty or that no image of this shape holds.
+    """Refuses a window that is empty or that no image of this shape holds.
 
     Raises:
         ValueError: if the side is not a positive integer, or is larger than the image.
@@ -108,7 +108,7 @@ def check_window(name: str, size: int, shape: tuple[int, ...]) -> None:
 
 
 def pair(reference: Array, image: Array, mask: Array | None) -> Pair:
-    """Bring checked images to one floating dtype, with whatever the mask hides replaced by 0.
+    """Brings checked images to one floating dtype, with whatever the mask hides replaced by 0.
 
     Hidden samples are replaced before anything is computed from them, so neither their values nor their
     derivatives can be NaN.
@@ -124,12 +124,12 @@ def pair(reference: Array, image: Array, mask: Array | None) -> Pair:
 
 
 def over_channels(mask: Bool[Array, "rows columns"], image: Shaped[Array, "..."]) -> Bool[Array, "..."]:
-    """Give a mask the rank of an image, so that it broadcasts over the channels."""
+    """Gives a mask the rank of an image, so that it broadcasts over the channels."""
     return mask.reshape(mask.shape + (1,) * (image.ndim - 2))
 
 
 def _working_dtype(array: Array) -> jnp.dtype:
-    """Float32 for half precision; the default float for integers and booleans; other floats as they are."""
+    """Returns float32 for half precision, the default float for integers and booleans, other floats as they are."""
     if jnp.issubdtype(array.dtype, jnp.floating):
         return jnp.promote_types(array.dtype, jnp.float32)
     return jnp.result_type(float)

@@ -1,4 +1,4 @@
-"""Integral projections: an image's means along rows and columns, and how far one has moved against another."""
+"""Image profiles (integral projections): means along rows and columns, and how far one has moved against another."""
 
 from collections.abc import Callable
 from functools import partial
@@ -29,8 +29,8 @@ class IntegralProjections(eqx.Module):
     vertical_valid: Bool[Array, " width"]
 
 
-class ProjectionDisplacement(eqx.Module):
-    """What `projection_displacement` returns, in pixels: `other[i + displacement[i]]` looks like `reference[i]`.
+class ProfileDisplacement(eqx.Module):
+    """What `profile_displacement` returns, in pixels: `other[i + displacement[i]]` looks like `reference[i]`.
 
     Attributes:
         displacement: `(N,)`, at each element of the reference; zero where not valid.
@@ -68,8 +68,8 @@ def integral_projections(
         ValueError: shapes that do not fit.
 
     Example:
-        >>> import jax.numpy as jnp, jaxlens.projections
-        >>> jaxlens.projections.integral_projections(jnp.asarray([[0.0, 2.0], [4.0, 6.0]])).horizontal.tolist()
+        >>> import jax.numpy as jnp, jaxlens.profiles
+        >>> jaxlens.profiles.integral_projections(jnp.asarray([[0.0, 2.0], [4.0, 6.0]])).horizontal.tolist()
         [1.0, 5.0]
     """
     image = as_floating(image)
@@ -91,13 +91,13 @@ def integral_projections(
 
 
 @partial(jax.jit, static_argnames=("window", "largest"))
-def projection_displacement(
+def profile_displacement(
     reference: Float[ArrayLike, " length"],
     other: Float[ArrayLike, " length"],
     *,
     window: int = 31,
     largest: int = 16,
-) -> ProjectionDisplacement:
+) -> ProfileDisplacement:
     """Measures how far the features of one profile have moved in another, along it.
 
     Around each element of the reference a window is compared with all windows of the other vector that lie at most
@@ -112,7 +112,7 @@ def projection_displacement(
         largest: The largest displacement to look for, at least 1.
 
     Returns:
-        A `ProjectionDisplacement`. Differentiable with respect to both vectors (through the parabola; which integer
+        A `ProfileDisplacement`. Differentiable with respect to both vectors (through the parabola; which integer
         displacement is best is held fixed).
 
     Raises:
@@ -120,10 +120,10 @@ def projection_displacement(
             the displacements.
 
     Example:
-        >>> import jax.numpy as jnp, jaxlens.projections
+        >>> import jax.numpy as jnp, jaxlens.profiles
         >>> x = jnp.arange(100.0)
         >>> profile, moved = jnp.sin(x**2 / 200), jnp.sin((x - 3) ** 2 / 200)
-        >>> result = jaxlens.projections.projection_displacement(profile, moved)
+        >>> result = jaxlens.profiles.profile_displacement(profile, moved)
         >>> round(float(result.displacement[50]), 1)
         3.0
     """
@@ -148,7 +148,7 @@ def projection_displacement(
     displacement, score, valid = _peak(local, largest)
     whole = _correlation(fixed, moved, inside, partial(jnp.sum, axis=1, keepdims=True))
     shift, shift_score, _ = _peak(whole, largest)
-    return ProjectionDisplacement(displacement, score, valid, shift[0], shift_score[0])
+    return ProfileDisplacement(displacement, score, valid, shift[0], shift_score[0])
 
 
 def _window_sums(values: Float[Array, "shifts length"], *, window: int) -> Float[Array, "shifts length"]:
@@ -162,7 +162,7 @@ def _correlation(
     inside: Bool[Array, "shifts length"],
     sums: Callable[[Array], Array],
 ) -> Float[Array, "shifts columns"]:
-    """Normalized cross-correlations of what lies inside, −∞ where one of the two has no contrast."""
+    """Returns normalized cross-correlations of what lies inside, −∞ where one of the two has no contrast."""
     count = jnp.maximum(sums(inside.astype(fixed.dtype)), 1)
     mean_fixed, mean_moved = sums(fixed) / count, sums(moved) / count
     square_fixed, square_moved = sums(fixed**2), sums(moved**2)

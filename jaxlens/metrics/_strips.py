@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jaxlens.metrics.inputs import Image, RealScalar, check_data_range, check_images, check_shapes
-from jaxlens.metrics.table import METRICS, Metric
-from jaxlens.metrics.totals import Totals, totals_of, totals_of_all
+from jaxlens.metrics._inputs import Image, RealScalar, check_data_range, check_images, check_shapes
+from jaxlens.metrics._table import METRICS, Metric
+from jaxlens.metrics._totals import Totals, totals_of, totals_of_all
 
 # A strip's samples: some twenty planes of them are in memory at once.
 _SAMPLES = 2**20
@@ -25,7 +25,7 @@ def evaluate_in_strips(
     rows: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, Float[Array, ""]]:
-    """Every metric of the table `METRICS` at once, as `evaluate`, in memory that does not grow with the images.
+    """Computes every metric of the table `METRICS`, as `evaluate`, in memory that does not grow with the images.
 
     The pointwise metrics are made of sums, extremes and moments of the strips; windows that lie on two strips are
     seen by both, and counted by the upper one. Nothing but the order of the sums differs from `evaluate`. Only a metric
@@ -90,7 +90,7 @@ def _measure(
     own: int,
     metrics: tuple[tuple[str, Metric], ...],
 ) -> tuple[Totals, dict[str, tuple[Array, Array]]]:
-    """What the metrics are made of, for one strip, of whose rows `own`, with so many samples, are its own.
+    """Measures one strip, whose first `own` rows, of `samples` samples, are its own.
 
     Of metrics with windows it is the sum over the windows that begin in these rows, and how many they are.
     """

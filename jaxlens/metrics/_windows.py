@@ -33,12 +33,12 @@ Comparison: TypeAlias = Callable[..., Planes]
 
 
 def uniform_kernel(size: int) -> Kernel:
-    """Equal weights along one side of a window; they sum to 1."""
+    """Returns equal weights along one side of a window; they sum to 1."""
     return (1.0 / size,) * size
 
 
 def gaussian_kernel(size: int, sigma: float) -> Kernel:
-    """Gaussian weights along one side of a window of `size` pixels, centred; they sum to 1."""
+    """Returns Gaussian weights along one side of a window of `size` pixels, centred; they sum to 1."""
     offsets = np.arange(size) - (size - 1) / 2
     weights = np.exp(-0.5 * (offsets / sigma) ** 2)
     return tuple(float(weight) for weight in weights / weights.sum())
@@ -51,7 +51,7 @@ def compare_windows(
     kernel: Kernel,
     *parameters: Float[Array, ""],
 ) -> tuple[Float[Array, "rows columns *channels"], ...]:
-    """Compare two images in all windows that lie wholly inside them, each channel on its own.
+    """Compares two images in all windows that lie wholly inside them, each channel on its own.
 
     The window's weight at (row i, column j) is `kernel[i] * kernel[j]`.
 
@@ -78,13 +78,13 @@ def compare_windows(
 
 
 def whole_windows(mask: Bool[Array, "height width"], size: int) -> Bool[Array, "rows columns"]:
-    """True for every window, of side `size`, whose pixels are all True in the mask."""
+    """Returns true for every window, of side `size`, whose pixels are all true in the mask."""
     along_row = lax.reduce_window(mask, True, lax.bitwise_and, (1, size), (1, 1), "VALID")
     return lax.reduce_window(along_row, True, lax.bitwise_and, (size, 1), (1, 1), "VALID")
 
 
 def compiled_apart(function: Callable[..., Planes], *operands: Array) -> Planes:
-    """Call a function of arrays, and keep XLA on the CPU from fusing it with what follows.
+    """Calls a function of arrays, and keeps XLA on the CPU from fusing it with what follows.
 
     There, XLA would fold the first pass of a separable filter into each tap of the second, and the whole into
     a final sum: ten times slower, and sixty in the gradient. An `optimization_barrier` does not help, as it
@@ -134,7 +134,7 @@ def _compare_jvp(
 
 
 def _filter(planes: Planes, kernel: Kernel, step: int) -> Planes:
-    """Weighted means of each plane over the windows."""
+    """Returns weighted means of each plane over the windows."""
 
     def along_rows(*planes: Array) -> Planes:
         return tuple(_weigh(_taps(plane, len(kernel), 1, step), kernel) for plane in planes)

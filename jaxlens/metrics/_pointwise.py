@@ -1,17 +1,4 @@
-"""Metrics of the error at each pixel: norms (Eqs. 6 and 7) and their decibels (Eqs. 8 and 12).
-
-All of them share these rules:
-
-- The reference x comes first and the image y second, both `(H, W)` or `(H, W, C)` of any real dtype.
-  Integers and booleans are compared as floats (float64 under x64, else float32), half precision as float32.
-- A colour image counts as H·W·C samples: the mean is over all channels, as the paper says below Eq. 8.
-- `mask` is boolean `(H, W)`, True where a pixel counts. What it hides may be anything, NaN too. A mask that
-  counts no pixel gives NaN. A NaN that counts gives NaN.
-- Shapes that do not fit raise `ValueError`. Numbers such as `data_range` do so when they are known; a traced
-  one that is out of bounds gives NaN instead.
-- All are differentiable in both images, forward and in reverse. Where a metric has a kink or is infinite, its
-  derivative there is 0; the docstrings say where that is.
-"""
+"""Metrics of the error at each pixel: norms (Eqs. 6 and 7) and their decibels (Eqs. 8 and 12)."""
 
 import jax
 import jax.numpy as jnp
@@ -19,8 +6,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from jaxlens.metrics.decibels import decibels
-from jaxlens.metrics.inputs import (
+from jaxlens.metrics._decibels import decibels
+from jaxlens.metrics._inputs import (
     Image,
     Mask,
     Pair,
@@ -34,7 +21,7 @@ from jaxlens.metrics.inputs import (
 
 
 def mse(reference: Image, image: Image, *, mask: Mask | None = None) -> Float[Array, ""]:
-    """Mean squared error (Eq. 6), in squared grey levels.
+    """Returns the mean squared error (Eq. 6), in squared gray levels.
 
     Args:
         reference: `(H, W)` or `(H, W, C)`, any real dtype.
@@ -57,7 +44,7 @@ def mse(reference: Image, image: Image, *, mask: Mask | None = None) -> Float[Ar
 
 
 def rmse(reference: Image, image: Image, *, mask: Mask | None = None) -> Float[Array, ""]:
-    """Root of the mean squared error, in grey levels.
+    """Returns the root of the mean squared error, in gray levels.
 
     Args:
         reference: `(H, W)` or `(H, W, C)`, any real dtype.
@@ -74,7 +61,7 @@ def rmse(reference: Image, image: Image, *, mask: Mask | None = None) -> Float[A
 
 
 def mae(reference: Image, image: Image, *, mask: Mask | None = None) -> Float[Array, ""]:
-    """Mean absolute error, in grey levels.
+    """Returns the mean absolute error, in gray levels.
 
     Args:
         reference: `(H, W)` or `(H, W, C)`, any real dtype.
@@ -91,7 +78,7 @@ def mae(reference: Image, image: Image, *, mask: Mask | None = None) -> Float[Ar
 
 
 def minkowski(reference: Image, image: Image, *, p: RealScalar, mask: Mask | None = None) -> Float[Array, ""]:
-    """Minkowski distance (Eq. 7), in grey levels: a sum over the samples, not a mean.
+    """Returns the Minkowski distance (Eq. 7), in gray levels: a sum over the samples, not a mean.
 
     Args:
         reference: `(H, W)` or `(H, W, C)`, any real dtype.
@@ -120,7 +107,7 @@ def minkowski(reference: Image, image: Image, *, p: RealScalar, mask: Mask | Non
 
 
 def psnr(reference: Image, image: Image, *, data_range: RealScalar, mask: Mask | None = None) -> Float[Array, ""]:
-    """Peak signal-to-noise ratio (Eq. 8), in decibels.
+    """Returns the peak signal-to-noise ratio (Eq. 8), in decibels.
 
     Args:
         reference: `(H, W)` or `(H, W, C)`, any real dtype.
@@ -147,7 +134,7 @@ def psnr(reference: Image, image: Image, *, data_range: RealScalar, mask: Mask |
 
 
 def snr(reference: Image, image: Image, *, mask: Mask | None = None) -> Float[Array, ""]:
-    """Signal-to-noise ratio of powers, in decibels: what Table 1 of the paper lists as SNR.
+    """Returns the signal-to-noise ratio of powers, in decibels: what Table 1 of the paper lists as SNR.
 
     This is not Eq. 12, which is `range_snr`. It differs from the PSNR by a constant of the reference,
     20 log₁₀(L / rms(x)), which is 6.97548 dB in all rows of Table 1.
@@ -174,7 +161,7 @@ def range_snr(
     bounds: tuple[RealScalar, RealScalar] | None = None,
     mask: Mask | None = None,
 ) -> Float[Array, ""]:
-    """Signal-to-noise ratio of a signal that lies between two bounds (Eq. 12), in decibels.
+    """Returns the signal-to-noise ratio of a signal that lies between two bounds (Eq. 12), in decibels.
 
     Args:
         reference: `(H, W)` or `(H, W, C)`, any real dtype.
@@ -271,5 +258,5 @@ def _mean_square_error(both: Pair) -> Array:
 
 
 def _safe_sqrt(square: Array) -> Array:
-    """A square root whose derivative at 0 is 0."""
+    """Returns a square root whose derivative at 0 is 0."""
     return jnp.where(square == 0, 0, jnp.sqrt(jnp.where(square == 0, 1, square)))

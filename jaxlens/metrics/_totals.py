@@ -5,8 +5,8 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxlens.metrics.inputs import RealScalar
-from jaxlens.metrics.pointwise import mae, minkowski, mse
+from jaxlens.metrics._inputs import RealScalar
+from jaxlens.metrics._pointwise import mae, minkowski, mse
 
 MINKOWSKI_P = 4.0
 
@@ -21,7 +21,7 @@ class Totals(NamedTuple):
         noise: Mean square of the error.
         absolute: Mean magnitude of the error.
         mean: Mean error.
-        variance: Of the error.
+        variance: Variance of the error.
         low: Least value of the reference.
         high: Greatest value of the reference.
         minkowski: (Σ |error|⁴)^¼.
@@ -40,7 +40,7 @@ class Totals(NamedTuple):
 
 
 def totals_of(x: Array, y: Array, samples: RealScalar, data_range: RealScalar) -> Totals:
-    """Those of one strip, of so many samples: a number that XLA does not know, for it rounds where it does."""
+    """Computes the totals of one strip; `samples` is no constant of XLA's, which rounds differently with one."""
     noise = mse(x, y)
     floating = noise.dtype
     error = x.astype(floating) - y.astype(floating)
@@ -61,7 +61,7 @@ def totals_of(x: Array, y: Array, samples: RealScalar, data_range: RealScalar) -
 
 
 def totals_of_all(strips: Totals) -> Totals:
-    """Those of the whole, from those of its strips along the first axis."""
+    """Computes the totals of the whole from those of its strips along the first axis."""
 
     def mean(values: Array) -> Array:
         return jnp.sum(values * strips.samples) / jnp.sum(strips.samples)
