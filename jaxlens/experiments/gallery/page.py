@@ -86,7 +86,7 @@ def _digest(sections: Sequence[Section], embed: bool) -> str:
         *sorted(path for path in Path(__file__).parent.rglob("*") if path.suffix in (".py", ".html", ".css")),
         Path(paper.__file__),
         # Without importing it, which takes JAX.
-        Path(jaxlens.__file__).parent / "metrics" / "table.py",
+        Path(jaxlens.__file__).parent / "metrics" / "_table.py",
     ]
     facts = [
         [
