@@ -660,6 +660,7 @@ def test_options_are_keyword_only_and_required(x32):
     ("rows", "dtype"),
     [(rows, np.uint8) for rows in (1, 5, 10, 11, 17, 39, 40, 41, None)] + [(17, np.float32), (17, np.float64)],
 )
+@pytest.mark.slow
 def test_strips_give_the_same(rows, dtype):
     rng = np.random.default_rng(3)
     reference = (200 * rng.random((40, 23, 3))).astype(dtype)

@@ -172,6 +172,7 @@ def test_freezing_puts_weights_back(x64):
 
 
 @degrees
+@pytest.mark.slow
 def test_round_trip(x64, degree):
     """Inside, outside, and on the border: the inverse of a lattice with a border that stays."""
     mapping = deformed(*degree, spread=0.1)

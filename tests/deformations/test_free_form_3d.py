@@ -48,6 +48,7 @@ def test_the_sum_and_its_inverse(x64, degrees):
     np.testing.assert_allclose(inverse.points, POINTS, rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_outside_nothing_moves(x64):
     mapping = deformed((1, 2, 1))
     inside = np.asarray(mapping.contains(AROUND))
@@ -68,6 +69,7 @@ def test_a_box_along_the_axes_owns_its_faces(x64):
     np.testing.assert_allclose(moved(corners), corners + 1, rtol=0, atol=1e-14)
 
 
+@pytest.mark.slow
 def test_freezing(x64):
     """Value and slope vanish at the frozen faces, the second derivative does not."""
     mapping = deformed((4, 4, 1), spread=0.3).freeze(1, sides=["s=0", "t=1"])
@@ -87,6 +89,7 @@ def test_freezing(x64):
     assert sizes[2] > 1e-2
 
 
+@pytest.mark.slow
 def test_derivatives(x64):
     mapping = deformed((1, 2, 1))
     points = jnp.asarray(POINTS[:4])

@@ -48,6 +48,7 @@ def _rows(path):
         return list(csv.DictReader(file))
 
 
+@pytest.mark.slow
 def test_lenses_come_back(tmp_path):
     config = tmp_path / "inversion.toml"
     config.write_text(INVERSION)
@@ -86,6 +87,7 @@ def corners(tmp_path):
     return tmp_path / "corners.csv"
 
 
+@pytest.mark.slow
 def test_a_camera_is_judged_on_views_held_out(tmp_path, corners):
     config = tmp_path / "boards.toml"
     config.write_text(BOARDS)

@@ -69,6 +69,7 @@ def test_a_control_point_pulled_too_far_folds():
     assert found.measures["folded_px"] == np.sum(found.determinant <= 0) > 0
 
 
+@pytest.mark.slow
 def test_the_experiment_freezes_rows(folder: Path):
     Path("f.toml").write_text(TEXT, encoding="utf-8")
     first, second = (run("f.toml", output=name, quiet=True) for name in ("one", "two"))

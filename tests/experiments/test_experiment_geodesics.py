@@ -41,6 +41,7 @@ def rows(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+@pytest.mark.slow
 def test_the_experiment_writes_its_folder_and_the_same_bytes_again(tmp_path: Path):
     config = tmp_path / "small.toml"
     config.write_text(SMALL)

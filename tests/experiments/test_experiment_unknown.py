@@ -175,6 +175,7 @@ def test_what_the_table_tells_where_it_tells_of_one_parameter_only():
     assert np.sum(known.strengths > 1) == 1
 
 
+@pytest.mark.slow
 def test_the_experiment_writes_its_folder_and_the_same_bytes_again(tmp_path: Path):
     config = tmp_path / "small.toml"
     config.write_text(SMALL)

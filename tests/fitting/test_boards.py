@@ -197,6 +197,7 @@ def test_exact_views_give_the_camera_back(x64, seed):
     ],
     ids=["polynomial", "division"],
 )
+@pytest.mark.slow
 def test_other_lenses(x64, start, truth, names):
     start, truth = jax.tree.map(lambda leaf: leaf.astype(float), (start, truth))
     frame = jl.Frame.from_camera_matrix(CAMERA)

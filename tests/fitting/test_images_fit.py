@@ -66,6 +66,7 @@ def test_all_six_lenses_from_zero(x64, pair):
 
 
 @pytest.mark.parametrize("pair", PAIRS[::3])
+@pytest.mark.slow
 def test_light(x64, pair):
     fit = _fit(0.9 * _seen(SOURCE, pair) + 12.5)
     np.testing.assert_allclose(fit.values, [*pair, 0.9, 12.5], rtol=0, atol=1e-9)

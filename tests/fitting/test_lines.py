@@ -285,6 +285,7 @@ def _wide(scale=(1920**2 + 1080**2) ** 0.5 / 2):
         (jl.BrownConrady, [[-0.3, 0.05, 1e-3, -1e-3], [0.3, 0.1, 0.0, 1e-3]], False),
     ],
 )
+@pytest.mark.slow
 def test_strong_lenses_come_back_from_zero(x64, make, truths, center):
     """Where the nearest minimum, with an RMS of pixels, is a lens that folds within the lines."""
     frame = _wide(1300.0) if make is jl.BrownConrady else _wide()

@@ -51,6 +51,7 @@ def _chain():
 
 
 @pytest.mark.parametrize(("make", "count"), [(_lattice, 24), (_field, 40), (_homography, 8), (_chain, 9)])
+@pytest.mark.slow
 def test_exact_points_give_the_map_back(x64, make, count):
     """All of its adjustable numbers, and none of the others."""
     start, truth = make()
@@ -102,6 +103,7 @@ def test_names_are_unique(x64):
     assert choose({"lens": lens}, {"lens": lens.adjustable()}).names == ("gain",)
 
 
+@pytest.mark.slow
 def test_a_picture_through_a_lens_with_a_gain(x64):
     noise = jax.random.uniform(jax.random.key(0), (8, 10))
     picture = jax.image.resize(noise, (64, 80), "cubic")

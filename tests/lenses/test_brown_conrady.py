@@ -256,10 +256,10 @@ def test_without_tangential_terms_valid_is_what_the_radial_lens_says(x64, radial
 def test_single_precision_says_what_double_does(count):
     """Strong lenses, most of which fold or have poles: every status, but next to an edge, where rounding decides."""
     random = np.random.default_rng(7)
-    tangential = random.normal(0, 0.005, (24, 2))
-    lenses = random.normal(0, random.choice([0.1, 0.3, 1.0], (24, 1)), (24, count))
+    tangential = random.normal(0, 0.005, (12, 2))
+    lenses = random.normal(0, random.choice([0.1, 0.3, 1.0], (12, 1)), (12, count))
     lenses[:, 2:4] = tangential
-    points = random.uniform(-1, 1, (24, 3000, 2)).astype(np.float32)
+    points = random.uniform(-1, 1, (12, 3000, 2)).astype(np.float32)
     lenses = lenses.astype(np.float32)
 
     def invert(coefficients, points):
