@@ -13,7 +13,7 @@ from jax.custom_batching import custom_vmap
 # Elements from which the members of a batch take turns.
 _LARGE = 1 << 15
 # Elements of a part.
-_PART = 1 << 16
+_PART = 1 << 15
 
 
 def in_turns(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -2,11 +2,13 @@
 
 from typing import ClassVar
 
+import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxlens.lenses._lens import Lens
 from jaxlens.lenses._registry import register
 from jaxlens.numerics import as_coefficients, as_points, jitted, join, split
+from jaxlens.polynomials import smallest_positive_root
 
 _NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 
@@ -65,6 +67,10 @@ class BrownConrady(Lens):
             x * factor + p1 * cross + p2 * (squared + 2 * x * x),
             y * factor + p1 * (squared + 2 * y * y) + p2 * cross,
         )
+
+    def pole_radius(self) -> Float[Array, ""]:
+        """Returns the ideal radius where 1 + k4 r² + k5 r⁴ + k6 r⁶ first vanishes, ∞ if it does not."""
+        return jnp.sqrt(smallest_positive_root(self.coefficients[5:]))
 
     def parameter_names(self, field: str, shape: tuple[int, ...]) -> list[str]:
         """Returns OpenCV's names, in its order."""

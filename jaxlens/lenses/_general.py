@@ -27,10 +27,10 @@ Plane = Float[Array, "*batch"]
 @in_turns
 def lies_inside(lens: Any, x: Plane, y: Plane) -> Bool[Array, "*batch"]:
     """Tells whether ideal points lie in the lens's region, by three numbers at most if all lie well inside."""
-    region = find_region(lens.distort, jnp.zeros(2, x.dtype))
+    region = find_region(lens.distort, jnp.zeros(2, x.dtype), lens.pole_radius())
 
     def by_its_place(x, y):
-        return region.contains(x, y, determinant(value_and_jacobian(lens.distort, join(x, y))[1]))
+        return region.contains(lens.distort, x, y, determinant(value_and_jacobian(lens.distort, join(x, y))[1]))
 
     surely = jnp.all(region.surely(x, y))
     return lax.cond(surely, lambda x, y: jnp.ones(x.shape, bool), partial(in_parts, by_its_place), x, y)
@@ -43,7 +43,7 @@ def solve(lens: Any, x: Plane, y: Plane) -> tuple[Plane, Plane, Int8[Array, "*ba
     A point beyond the image of the region gets the origin.
     """
     function: PlaneMap = lens.distort
-    region = find_region(function, jnp.zeros(2, x.dtype))
+    region = find_region(function, jnp.zeros(2, x.dtype), lens.pole_radius())
     image = function(region.center)
     ratio = _radial_guess(function, region, x - image[0], y - image[1])
 
@@ -85,7 +85,7 @@ def solve(lens: Any, x: Plane, y: Plane) -> tuple[Plane, Plane, Int8[Array, "*ba
                 function,
                 goal,
                 jnp.broadcast_to(region.center, goal.shape),
-                admissible=lambda points, size: region.contains(*split(points), size),
+                admissible=lambda points, size: region.contains(function, *split(points), size),
             )
             reason = jnp.where(blocked, InverseStatus.NO_PREIMAGE, InverseStatus.NOT_CONVERGED)
             return *split(found), jnp.where(converged, InverseStatus.CONVERGED, reason).astype(jnp.int8)

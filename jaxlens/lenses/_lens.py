@@ -78,10 +78,18 @@ class Lens(CoordinateMap):
         x, y = split(as_points(points))
         return lies_inside(*lax.stop_gradient((self, x, y)))
 
+    def pole_radius(self) -> Float[Array, ""]:
+        """Returns the ideal radius about the origin where the lens becomes infinite; ∞ if it never does, or is unknown.
+
+        Where `distort` divides by what may vanish, a lens of one's own defines this: a pole that the numerator nearly
+        cancels is too narrow to be found by looking.
+        """
+        return jnp.asarray(jnp.inf)
+
     def surely_one_to_one(self, points: Float[Array, "*batch 2"]) -> Bool[Array, "*batch"] | None:
         """Tells whether ideal points lie nearer to the origin than the nearest fold."""
         lens, points = lax.stop_gradient((self, points))
-        return find_region(lens.distort, jnp.zeros(2, points.dtype)).surely(*split(points))
+        return find_region(lens.distort, jnp.zeros(2, points.dtype), lens.pole_radius()).surely(*split(points))
 
     @jitted
     def invert(self, points: Float[ArrayLike, "*batch 2"]) -> Inverse:
@@ -101,7 +109,8 @@ class Lens(CoordinateMap):
         lens, target, root, status = self._solved(points)
         x, y = split(target)
         center = jnp.zeros(2, x.dtype)
-        region = find_region(lax.stop_gradient(lens).distort, center)
+        fixed = lax.stop_gradient(lens)
+        region = find_region(fixed.distort, center, fixed.pole_radius())
         image = lens.distort(center)
         lost = region.beyond(x - image[0], y - image[1])
         root = jnp.where(lost[..., None], region.edge(x - image[0], y - image[1]), root)

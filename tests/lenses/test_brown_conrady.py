@@ -277,3 +277,38 @@ def test_single_precision_says_what_double_does(count):
     differ = clear & (single[0] != status)
     near = (status == 1) & (single[0] == 0) & (single[2] < 1e-2)
     assert not (differ & ~near).any()
+
+
+@pytest.mark.parametrize(
+    "coefficients",
+    [
+        # Tangential terms end the fold at 0.80 in some directions, between two rays: there the edge jumps to 2.1.
+        [-0.2522, -0.3185, 0.0011, 0.001, 0.3303, 0.4954, 0.1703, -0.075],
+        # A pole at 1.2234, and a zero that nearly cancels it at 1.2240: the determinant is negative between them only.
+        [0.0143, 0.5782, 0.0003, -0.0008, -0.6898, 0.061, -0.2281, -0.1731],
+    ],
+)
+def test_narrow_folds_are_seen_by_brute_force(x64, coefficients):
+    lens = jl.BrownConrady(coefficients)
+    angle = np.linspace(0, 2 * np.pi, 240, endpoint=False)[:, None]
+    radius = np.linspace(3e-4, 3, 10000)
+    directions = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    regular = np.asarray(lens.jacobian_determinant(radius[:, None] * directions)) > 0
+    inside = np.logical_and.accumulate(regular, axis=1)
+    # Between two directions and two radii of the grid nothing is known.
+    edge = np.where(inside.all(axis=1), np.inf, radius[inside.sum(axis=1) - 1])
+    asked = radius[33::110]
+    known = np.abs(asked - edge[:, None]) > 2e-3 * edge[:, None]
+    points = asked[:, None] * directions
+    found = np.asarray(lens.one_to_one(points))
+    np.testing.assert_array_equal(found[known], (asked < edge[:, None])[known])
+    observed = np.asarray(lens.distort(points))
+    inverse = lens.invert(observed)
+    back = np.abs(np.asarray(inverse.points) - points).max(axis=-1)
+    expected = known & (asked < edge[:, None])
+    assert np.asarray(inverse.valid)[expected].all()
+    assert back[expected].max() < 1e-9
+    # What folds over is either seen by another point, of the region, or by none.
+    size = np.hypot(*np.moveaxis(np.asarray(inverse.points), -1, 0))
+    beyond = np.asarray(inverse.valid) & ~expected & known
+    assert (size[beyond] < asked[None].repeat(240, axis=0)[beyond]).all()
