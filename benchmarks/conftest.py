@@ -22,7 +22,9 @@ def pytest_addoption(parser):
 def race(benchmark, request):
     """Times a row once its contenders are checked, see `Race`."""
     row = request.node.get_closest_marker("row")
-    return Race(benchmark, {"work": row.args[0], "target": None} | row.kwargs, request.config.getoption("row_seconds"))
+    # What the row is run with may stand in its text.
+    work = row.args[0].format(**request.node.callspec.params) if hasattr(request.node, "callspec") else row.args[0]
+    return Race(benchmark, {"work": work, "target": None} | row.kwargs, request.config.getoption("row_seconds"))
 
 
 def pytest_benchmark_update_json(config, benchmarks, output_json):

@@ -1,22 +1,20 @@
 """What every row works on: one picture, one lens, one size; the same numbers for ours and theirs."""
 
+import jax
 import numpy as np
+
+import jaxlens as jl
 
 SIZE = 1024
 CHANNELS = 3
 POINTS = 1_000_000
 BATCH = 16
 
-# A barrel lens that is one-to-one everywhere, in units of half the diagonal (Eq. 10): x_d = x_u (1 + κ1 r² + κ2 r⁴).
-# In the corner it moves a point by 109 pixels.
-KAPPA = (-0.2, 0.05)
-
-# The same frame and lens in OpenCV's words.
+# A barrel lens that is one-to-one in the picture: OpenCV's k1, k2, p1, p2, k3, and the denominator's k4, k5, k6. Its
+# unit is half the diagonal, Eq. 10's, so that the first two alone are the paper's lens. A corner moves by 109 px.
+BROWN_CONRADY = np.array([-0.2, 0.05, 1e-3, -5e-4, -0.01, 0.02, -0.01, 0.002])
 _FOCAL = float(np.hypot(SIZE / 2, SIZE / 2))
 CAMERA_MATRIX = np.array([[_FOCAL, 0, SIZE / 2], [0, _FOCAL, SIZE / 2], [0, 0, 1]])
-DISTORTION = np.array([*KAPPA, 0, 0, 0])
-# OpenCV's lens, in the same frame: k1, k2, p1, p2, k3, and the denominator's k4, k5, k6. One-to-one in the picture.
-BROWN_CONRADY = np.array([-0.2, 0.05, 1e-3, -5e-4, -0.01, 0.02, -0.01, 0.002])
 # Corners move by up to 60 pixels.
 HOMOGRAPHY = np.array([[1.05, 0.03, -20.0], [-0.02, 0.97, 15.0], [4e-5, -3e-5, 1.0]])
 
@@ -34,11 +32,20 @@ def picture(channels: int = CHANNELS) -> np.ndarray:
     return (127.5 + 63 * waves).astype(np.float32)
 
 
-def observed_points() -> tuple[np.ndarray, np.ndarray]:
-    """Returns `(POINTS, 2)` float64 ideal points all over the picture's square, and what the lens makes of them."""
-    ideal = np.random.default_rng(0).uniform(-0.7, 0.7, (POINTS, 2))
-    squared = np.sum(ideal * ideal, -1, keepdims=True)
-    return ideal, ideal * (1 + squared * (KAPPA[0] + squared * KAPPA[1]))
+def lens(count: int, dtype: jax.typing.DTypeLike = np.float32) -> jl.Lens:
+    """Returns the lens of so many coefficients: two are a `RadialPolynomial`, more a `BrownConrady`."""
+    coefficients = np.asarray(BROWN_CONRADY[:count], dtype)
+    return jl.RadialPolynomial(coefficients) if count == 2 else jl.BrownConrady(coefficients)
+
+
+def frame() -> jl.Frame:
+    """Returns the frame of the pictures' lenses."""
+    return jl.Frame.from_camera_matrix(np.asarray(CAMERA_MATRIX, np.float32))
+
+
+def ideal_points() -> np.ndarray:
+    """Returns `(POINTS, 2)` float64 ideal points all over the picture's square."""
+    return np.random.default_rng(0).uniform(-0.7, 0.7, (POINTS, 2))
 
 
 def correspondences(sets: int, points: int) -> tuple[np.ndarray, np.ndarray]:
@@ -47,7 +54,7 @@ def correspondences(sets: int, points: int) -> tuple[np.ndarray, np.ndarray]:
     ideal = random.uniform(-0.7, 0.7, (sets, points, 2))
     center = np.array([0.02, -0.01])
     squared = np.sum((ideal - center) ** 2, -1, keepdims=True)
-    observed = center + (ideal - center) * (1 + squared * (KAPPA[0] + squared * KAPPA[1]))
+    observed = center + (ideal - center) * (1 + squared * (BROWN_CONRADY[0] + squared * BROWN_CONRADY[1]))
     return ideal, observed + 1e-3 * random.normal(size=ideal.shape)
 
 

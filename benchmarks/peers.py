@@ -12,7 +12,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from benchmarks.material import BROWN_CONRADY, CAMERA_MATRIX, DISTORTION, SIZE, grid_mesh
+from benchmarks.material import BROWN_CONRADY, CAMERA_MATRIX, SIZE, grid_mesh
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,11 @@ def load(package: str) -> Any:
         return None
 
 
+def own_work(start: Callable[[], Any]) -> Peer:
+    """Other work of our own, for rows that compare us with ourselves."""
+    return Peer(lambda: jax.block_until_ready(start()), device=jax.default_backend().upper())
+
+
 def opencv_remap(image: np.ndarray, coordinates: np.ndarray, interpolation: str = "INTER_LINEAR") -> Peer | None:
     """`cv2.remap` with a ready map of two float32 planes."""
     if (cv2 := load("cv2")) is None:
@@ -47,12 +52,12 @@ def opencv_remap(image: np.ndarray, coordinates: np.ndarray, interpolation: str 
     return Peer(lambda: cv2.remap(image, x, y, mode))
 
 
-def _coefficients(count: int | None) -> np.ndarray:
-    """Those of the radial lens, or so many of OpenCV's own."""
-    return DISTORTION if count is None else BROWN_CONRADY[:count]
+def _coefficients(count: int) -> np.ndarray:
+    """The lens's, as OpenCV wants them: at least five."""
+    return np.pad(BROWN_CONRADY[:count], (0, max(0, 5 - count)))
 
 
-def opencv_distort_map(size: int, count: int | None = None) -> Peer | None:
+def opencv_distort_map(size: int, count: int) -> Peer | None:
     """`cv2.initInverseRectificationMap`, OpenCV's only way to distort an image."""
     if (cv2 := load("cv2")) is None:
         return None
@@ -64,21 +69,22 @@ def opencv_distort_map(size: int, count: int | None = None) -> Peer | None:
     )
 
 
-def opencv_distort(image: np.ndarray, count: int | None = None) -> Peer | None:
+def opencv_distort(image: np.ndarray, count: int) -> Peer | None:
     """`cv2.initInverseRectificationMap`, then `cv2.remap`."""
     if (cv2 := load("cv2")) is None or (source := opencv_distort_map(len(image), count)) is None:
         return None
     return Peer(lambda: cv2.remap(image, *source.run(), cv2.INTER_LINEAR))
 
 
-def opencv_undistort(image: np.ndarray) -> Peer | None:
+def opencv_undistort(image: np.ndarray, count: int) -> Peer | None:
     """`cv2.undistort`."""
     if (cv2 := load("cv2")) is None:
         return None
-    return Peer(lambda: cv2.undistort(image, CAMERA_MATRIX, DISTORTION))
+    coefficients = _coefficients(count)
+    return Peer(lambda: cv2.undistort(image, CAMERA_MATRIX, coefficients))
 
 
-def opencv_undistort_map(count: int | None = None, size: tuple[int, int] = (SIZE, SIZE)) -> Peer | None:
+def opencv_undistort_map(count: int, size: tuple[int, int] = (SIZE, SIZE)) -> Peer | None:
     """`cv2.initUndistortRectifyMap`."""
     if (cv2 := load("cv2")) is None:
         return None
@@ -90,7 +96,7 @@ def opencv_undistort_map(count: int | None = None, size: tuple[int, int] = (SIZE
     )
 
 
-def opencv_undistort_by_map(image: np.ndarray, count: int | None = None) -> Peer | None:
+def opencv_undistort_by_map(image: np.ndarray, count: int) -> Peer | None:
     """`cv2.initUndistortRectifyMap`, then `cv2.remap`: OpenCV's fastest way."""
     if (cv2 := load("cv2")) is None or (source := opencv_undistort_map(count, image.shape[1::-1])) is None:
         return None
@@ -124,9 +130,7 @@ def opencv_warp_perspective(image: np.ndarray, matrix: np.ndarray) -> Peer | Non
     )
 
 
-def opencv_undistort_points(
-    points: np.ndarray, tolerance: float | None = None, count: int | None = None
-) -> Peer | None:
+def opencv_undistort_points(points: np.ndarray, count: int, tolerance: float | None = None) -> Peer | None:
     """`cv2.undistortPoints`: at its default of five fixed-point steps, or iterated until it moves less than this."""
     if (cv2 := load("cv2")) is None:
         return None
@@ -153,7 +157,7 @@ def torch_grid_sample(image: np.ndarray, coordinates: np.ndarray) -> Peer | None
     return _torch_peer(torch, run, device)
 
 
-def kornia_undistort(image: np.ndarray) -> Peer | None:
+def kornia_undistort(image: np.ndarray, count: int) -> Peer | None:
     """`kornia.geometry.calibration.undistort_image`, lens to picture."""
     torch = load("torch")
     if torch is None or (calibration := load("kornia.geometry.calibration")) is None:
@@ -161,7 +165,7 @@ def kornia_undistort(image: np.ndarray) -> Peer | None:
     device = _torch_device(torch)
     tensor = torch.from_numpy(image).permute(2, 0, 1)[None].contiguous().to(device)
     camera_matrix, distortion = (
-        torch.from_numpy(values.astype(np.float32))[None].to(device) for values in (CAMERA_MATRIX, DISTORTION)
+        torch.from_numpy(values.astype(np.float32))[None].to(device) for values in (CAMERA_MATRIX, _coefficients(count))
     )
     return _torch_peer(torch, lambda: calibration.undistort_image(tensor, camera_matrix, distortion), device)
 

@@ -17,7 +17,9 @@ _REST = 0.01
 # A call as long as this need not be preceded by another that warms its threads and its part of the cache.
 _LONG = 0.1
 _WARMUP = 3
-_LEAST_ROUNDS, _MOST_ROUNDS = 15, 301
+_FEWEST_ROUNDS, _LEAST_ROUNDS, _MOST_ROUNDS = 5, 15, 301
+# Rounds longer than this, in seconds, are made only so often as the fewest.
+_SLOW = 0.5
 
 
 class Race:
@@ -63,14 +65,17 @@ class Race:
         run_theirs = None if theirs is None else _discarded(theirs.run)
         run_copy = _copy_of(moved)
         turns = [run for run in (run_theirs, run_copy, run_ours) if run is not None]
-        for run in turns * _WARMUP:
+        for run in turns:
             run()
         long = {run: _duration(run) > _LONG for run in turns}
+        for run in [run for run in turns if not long[run]] * _WARMUP:
+            run()
         began = time.perf_counter()
         for run in turns:
             _turn(run, long[run])
         estimate = time.perf_counter() - began
-        rounds = min(max(int(self.seconds / estimate), _LEAST_ROUNDS), _MOST_ROUNDS)
+        least = _FEWEST_ROUNDS if estimate > _SLOW else _LEAST_ROUNDS
+        rounds = min(max(int(self.seconds / estimate), least), _MOST_ROUNDS)
 
         their_times: list[float] = []
         copy_times: list[float] = []
@@ -130,7 +135,8 @@ def _discarded(start: Callable[[], Any]) -> Callable[[], None]:
 def _copy_of(moved: int) -> Callable[[], None]:
     # Half of the bytes are read, half are written.
     source = jnp.ones(moved // 8, jnp.float32)
-    copy = jax.jit(jnp.copy)
+    # Compiled ahead: a row may clear the caches.
+    copy = jax.jit(jnp.copy).lower(source).compile()
     return _finished(lambda: copy(source))
 
 

@@ -2,12 +2,13 @@
 
 from collections.abc import Iterable, Iterator
 
-from benchmarks.material import CHANNELS, KAPPA, SIZE
+from benchmarks.material import BROWN_CONRADY, CHANNELS, SIZE
 
+_COEFFICIENTS = ", ".join(f"{value:g}" for value in BROWN_CONRADY).replace("-", "−")
 _HEADER = f"""\
 # Benchmarks
 
-Written by a command; do not edit. To take the figures again (some four minutes, on an otherwise idle machine), from
+Written by a command; do not edit. To take the figures again (some six minutes, on an otherwise idle machine), from
 the repository's root:
 
     pip install '.[bench]'            # '.[bench-torch]' for the rows of PyTorch and kornia
@@ -15,8 +16,9 @@ the repository's root:
     pytest benchmarks                 # pytest-benchmark's own table; --benchmark-disable only checks
 
 A row is a function in `bench_*.py`, and its name is its key in the JSON. Unless a row says otherwise an image is
-{SIZE}×{SIZE}×{CHANNELS} float32, and the lens has κ = {KAPPA} in Eq. 10's frame (in OpenCV's words: k1, k2, and
-half the diagonal for a focal length).
+{SIZE}×{SIZE}×{CHANNELS} float32, and the lens is OpenCV's (`BrownConrady`) with 5 of the coefficients
+{_COEFFICIENTS}, the focal length half the diagonal, which
+is Eq. 10's unit. *2 coefficients* are the paper's lens (`RadialPolynomial`), 8 have the denominator as well.
 
 - *Lens to picture*: the lens object is built and the map computed in every call; only the compiled function is warm.
   So it is for the peers. *Ready map*: the source coordinates are there.
