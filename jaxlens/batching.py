@@ -12,8 +12,8 @@ from jax.custom_batching import custom_vmap
 
 # Elements from which the members of a batch take turns.
 _LARGE = 1 << 15
-# Elements of a part.
-_PART = 1 << 15
+# Elements of a part: on a processor as many as its cache holds, on an accelerator as many as keep it busy.
+_PART, _ACCELERATOR_PART = 1 << 15, 1 << 22
 
 
 def in_turns(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -84,9 +84,10 @@ def in_parts(function: Callable[..., Any], *planes: jax.Array) -> Any:
     """
     shape = planes[0].shape
     count = math.prod(shape)
-    if isinstance(count, int) and count <= _PART:
+    part = _PART if jax.default_backend() == "cpu" else _ACCELERATOR_PART
+    if isinstance(count, int) and count <= part:
         return function(*planes)
-    size = min_dim(_PART, count)
+    size = min_dim(part, count)
     flat = [plane.reshape(count) for plane in planes]
     results = jax.eval_shape(function, *(lax.slice(plane, (0,), (size,)) for plane in flat))
 
