@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
-from jaxtyping import Array, ArrayLike, Float, PyTree
+from jaxtyping import Array, ArrayLike, Bool, Float, PyTree
 
 # What the field calls the x and y of these.
 _PAIRS = {"center": "center_", "principal_point": "c", "focal_length": "f"}
@@ -76,6 +76,18 @@ def as_floating(values: ArrayLike | Sequence) -> Array:
     return array.astype(jnp.result_type(float))
 
 
+def as_parameter(value: ArrayLike, name: str) -> Float[Array, ""]:
+    """Returns a lens's number as an array.
+
+    Raises:
+        ValueError: it is no single number.
+    """
+    number = as_floating(value)
+    if number.ndim != 0:
+        raise ValueError(f"{name} must be a number, got shape {number.shape}; a batch of lenses is made by jax.vmap")
+    return number
+
+
 def as_coefficients(values: ArrayLike | Sequence, name: str, meaning: str) -> Float[Array, " terms"]:
     """Returns the coefficients of a lens as a vector; OpenCV's 1×n and n×1 arrays are taken as such.
 
@@ -112,14 +124,31 @@ def as_points(points: ArrayLike | Sequence) -> Float[Array, "*batch 2"]:
     return array
 
 
+def as_rays(rays: ArrayLike | Sequence) -> Float[Array, "*batch 3"]:
+    """Returns `rays` as a floating array and checks that its last axis holds (x, y, z).
+
+    Raises:
+        ValueError: the last axis has not length 3.
+    """
+    array = as_floating(rays)
+    if array.ndim == 0 or array.shape[-1] != 3:
+        raise ValueError(f"rays must have shape (..., 3), x to the right, y down, z forward, got {array.shape}")
+    return array
+
+
 def split(points: Float[Array, "*batch 2"]) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
     """Returns the x and y of points as two planes: arithmetic on planes is twice as fast as on pairs."""
     return points[..., 0], points[..., 1]
 
 
-def join(x: Float[Array, "*batch"], y: Float[Array, "*batch"]) -> Float[Array, "*batch 2"]:
-    """Returns points from their x and y."""
-    return jnp.stack([x, y], axis=-1)
+def join(*planes: Float[Array, "*batch"]) -> Float[Array, "*batch axes"]:
+    """Returns points from their x and y, rays from their x, y and z."""
+    return jnp.stack(planes, axis=-1)
+
+
+def masked(points: Float[Array, "*batch axes"], valid: Bool[Array, "*batch"]) -> Float[Array, "*batch axes"]:
+    """Returns points, or rays, with NaN where they are not valid; plane by plane, which fuses with what comes next."""
+    return join(*(jnp.where(valid, points[..., axis], jnp.nan) for axis in range(points.shape[-1])))
 
 
 def epsilon(dtype: jax.typing.DTypeLike) -> float:

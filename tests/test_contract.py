@@ -58,13 +58,30 @@ EXAMPLES = {
         np.asarray([-strength, strength / 4, strength / 50, strength / 70], dtype)
     ),
     "Chain": lambda strength, dtype: polynomial(strength, dtype).then(homography(strength, dtype)),
+    "Cylindrical": lambda strength, dtype: jl.Cylindrical(),
     "Division": lambda strength, dtype: jl.Division(np.asarray(strength, dtype)),
+    "DoubleSphere": lambda strength, dtype: jl.DoubleSphere(
+        np.asarray(-strength, dtype), np.asarray(0.5 + strength, dtype)
+    ),
+    "Equidistant": lambda strength, dtype: jl.Equidistant(),
+    "Equirectangular": lambda strength, dtype: jl.Equirectangular(),
+    "Equisolid": lambda strength, dtype: jl.Equisolid(),
+    "ExtendedUnifiedCamera": lambda strength, dtype: jl.ExtendedUnifiedCamera(
+        np.asarray(0.5 + strength, dtype), np.asarray(1 + strength, dtype)
+    ),
     "FreeForm": free_form,
     "FreeForm3D": free_form_3d,
     "Homography": homography,
     "Inverted": lambda strength, dtype: polynomial(strength, dtype).inverse(),
+    "KannalaBrandt": lambda strength, dtype: jl.KannalaBrandt(np.asarray([-strength, strength / 4], dtype)),
     "OneToOne": lambda strength, dtype: jl.OneToOne(polynomial(strength, dtype)),
+    "Orthographic": lambda strength, dtype: jl.Orthographic(),
+    "Perspective": lambda strength, dtype: jl.Perspective(),
     "RadialPolynomial": polynomial,
+    "Stereographic": lambda strength, dtype: jl.Stereographic(),
+    "UnifiedCamera": lambda strength, dtype: jl.UnifiedCamera(
+        np.asarray(1 + strength, dtype), np.asarray([-strength, strength / 4, strength / 50, strength / 70], dtype)
+    ),
 }
 STRENGTHS = 0.1, 0.15
 TOLERANCE = {"float32": 2e-5, "float64": 1e-12}
