@@ -119,7 +119,7 @@ def test_a_map_inverts_and_masks(name, dtype):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", sorted(EXAMPLES))
+@pytest.mark.parametrize("name", sorted(name for name in EXAMPLES if jax.tree.leaves(EXAMPLES[name](0.1, np.float32))))
 def test_maps_are_batched(name, dtype):
     each, points = [EXAMPLES[name](strength, dtype) for strength in STRENGTHS], points_for(name, dtype)
     together = jax.tree.map(lambda *leaves: jnp.stack(leaves), *each)

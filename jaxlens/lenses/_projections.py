@@ -13,9 +13,9 @@ from jaxlens.numerics import join, polynomial, split
 
 # Below this square of an angle or a sine series take over, with so many terms that the rest is below rounding.
 _NEAR = 1e-2
-_ARCSINE = (1, 1 / 6, 3 / 40, 5 / 112, 35 / 1152, 63 / 2816, 231 / 13312, 143 / 10240)
-_SINE = (1, -1 / 6, 1 / 120, -1 / 5040, 1 / 362880, -1 / 39916800)
-_COSINE = (1, -1 / 2, 1 / 24, -1 / 720, 1 / 40320, -1 / 3628800)
+_ARCSINE = (1.0, 1 / 6, 3 / 40, 5 / 112, 35 / 1152, 63 / 2816, 231 / 13312, 143 / 10240)
+_SINE = (1.0, -1 / 6, 1 / 120, -1 / 5040, 1 / 362880, -1 / 39916800)
+_COSINE = (1.0, -1 / 2, 1 / 24, -1 / 720, 1 / 40320, -1 / 3628800)
 
 _Observed = tuple[Float[Array, "*batch 2"], Bool[Array, "*batch"]]
 _Raised = tuple[Float[Array, "*batch 3"], Bool[Array, "*batch"]]
