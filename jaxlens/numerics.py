@@ -100,6 +100,28 @@ def as_coefficients(values: ArrayLike | Sequence, name: str, meaning: str) -> Fl
     return array
 
 
+def as_numbers(name: str, **values: ArrayLike) -> list[Float[Array, ""]]:
+    """Returns the numbers that make a lens as arrays of one dtype: plain numbers take that of arrays beside them.
+
+    Args:
+        name: The class that they are for, for messages.
+        values: The numbers, by name.
+
+    Raises:
+        ValueError: one of them is an array of several.
+    """
+    arrays = {key: as_floating(value) for key, value in values.items()}
+    for key, array in arrays.items():
+        if array.ndim != 0:
+            raise ValueError(
+                f"{key} must be a number, got shape {array.shape}; a batch of lenses is made by "
+                f"jax.vmap({name})({', '.join(values)})"
+            )
+    typed = [array.dtype for key, array in arrays.items() if hasattr(values[key], "dtype")]
+    dtype = jnp.result_type(*(typed or [jnp.result_type(float)]))
+    return [array.astype(dtype) for array in arrays.values()]
+
+
 def as_points(points: ArrayLike | Sequence) -> Float[Array, "*batch 2"]:
     """Returns `points` as a floating array and checks that its last axis holds (x, y).
 

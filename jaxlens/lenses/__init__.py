@@ -1,12 +1,21 @@
 """Lens models, one file a family."""
 
+from jaxlens.lenses._barrel import Barrel as Barrel
+from jaxlens.lenses._barrel import BarrelInverse as BarrelInverse
 from jaxlens.lenses._brown_conrady import BrownConrady as BrownConrady
 from jaxlens.lenses._division import Division as Division
+from jaxlens.lenses._field_of_view import FieldOfView as FieldOfView
 from jaxlens.lenses._lens import Lens as Lens
 from jaxlens.lenses._lens import RadialLens as RadialLens
 from jaxlens.lenses._lens import as_center as as_center
+from jaxlens.lenses._poly3 import Poly3 as Poly3
+from jaxlens.lenses._poly5 import Poly5 as Poly5
+from jaxlens.lenses._pt_lens import PtLens as PtLens
 from jaxlens.lenses._radial_polynomial import RadialPolynomial as RadialPolynomial
+from jaxlens.lenses._radial_powers import RadialPowers as RadialPowers
+from jaxlens.lenses._radial_powers import RadialPowersInverse as RadialPowersInverse
 from jaxlens.lenses._registry import find_lens as find_lens
 from jaxlens.lenses._registry import register as register
 from jaxlens.lenses._registry import registered as registered
 from jaxlens.lenses._registry import registered_name as registered_name
+from jaxlens.lenses._splined_radial import SplinedRadial as SplinedRadial
