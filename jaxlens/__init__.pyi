@@ -14,9 +14,18 @@ from .frames import Frame as Frame
 from .lenses import Barrel as Barrel
 from .lenses import BarrelInverse as BarrelInverse
 from .lenses import BrownConrady as BrownConrady
+from .lenses import Cylindrical as Cylindrical
 from .lenses import Division as Division
+from .lenses import DoubleSphere as DoubleSphere
+from .lenses import Equidistant as Equidistant
+from .lenses import Equirectangular as Equirectangular
+from .lenses import Equisolid as Equisolid
+from .lenses import ExtendedUnifiedCamera as ExtendedUnifiedCamera
 from .lenses import FieldOfView as FieldOfView
+from .lenses import KannalaBrandt as KannalaBrandt
 from .lenses import Lens as Lens
+from .lenses import Orthographic as Orthographic
+from .lenses import Perspective as Perspective
 from .lenses import Poly3 as Poly3
 from .lenses import Poly5 as Poly5
 from .lenses import PtLens as PtLens
@@ -25,6 +34,8 @@ from .lenses import RadialPolynomial as RadialPolynomial
 from .lenses import RadialPowers as RadialPowers
 from .lenses import RadialPowersInverse as RadialPowersInverse
 from .lenses import SplinedRadial as SplinedRadial
+from .lenses import Stereographic as Stereographic
+from .lenses import UnifiedCamera as UnifiedCamera
 from .maps import Chain as Chain
 from .maps import CoordinateMap as CoordinateMap
 from .maps import Inverse as Inverse

@@ -9,7 +9,7 @@ from jax import lax
 from jaxtyping import Array, ArrayLike, Bool, Float, Int8, PyTree
 
 from jaxlens.newton import determinant, implicit_point_root, solve_points, value_and_jacobian
-from jaxlens.numerics import Status, as_points, jitted, join, numbered, shown, split
+from jaxlens.numerics import Status, as_points, jitted, masked, numbered, shown
 
 
 class InverseStatus(Status):
@@ -29,20 +29,19 @@ class Inverse(eqx.Module):
     """What `CoordinateMap.invert` found.
 
     Attributes:
-        points: `(..., 2)`, finite everywhere. Where a point has no preimage, the nearest thing to one: the edge of
-            the region where the map is one-to-one, so that the points are continuous across it.
+        points: `(..., 2)`, or rays `(..., 3)`, finite everywhere. Where a point has no preimage, the nearest thing to
+            one: the edge of the region where the map is one-to-one, so that the points are continuous across it.
         valid: `(...)`, true where `points` is the preimage.
         status: `(...)`, an `InverseStatus` for each point.
     """
 
-    points: Float[Array, "*batch 2"]
+    points: Float[Array, "*batch axes"]
     valid: Bool[Array, "*batch"]
     status: Int8[Array, "*batch"]
 
-    def masked(self) -> Float[Array, "*batch 2"]:
+    def masked(self) -> Float[Array, "*batch axes"]:
         """Returns the points, with NaN where they are not valid."""
-        x, y = split(self.points)
-        return join(jnp.where(self.valid, x, jnp.nan), jnp.where(self.valid, y, jnp.nan))
+        return masked(self.points, self.valid)
 
 
 def inverse_status(
@@ -201,9 +200,7 @@ class OneToOne(CoordinateMap):
     def __call__(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2"]:
         """Applies the map, NaN where it is not one-to-one."""
         points = as_points(points)
-        inside = self.mapping.one_to_one(points)
-        x, y = split(self.mapping(points))
-        return join(jnp.where(inside, x, jnp.nan), jnp.where(inside, y, jnp.nan))
+        return masked(self.mapping(points), self.mapping.one_to_one(points))
 
     @property
     def needs_frame(self) -> bool:

@@ -347,7 +347,7 @@ def _solve_carefully(
     # of about one, in which maps are written.
     step = solve_small(jacobian, residual)
     remaining = _size(step)
-    close = (_size(residual) <= rounding(x)) | (remaining <= jnp.maximum(rounding(x), tolerance))
+    close = (_size(residual) <= rounding(x)) | (remaining <= tolerance * jnp.maximum(_size(x), 1))
     converged = close & allowed(x, determinant(jacobian))
     # Next to a fold the Jacobian is nearly singular, and a whole step leaps over it.
     whole = x - step

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
-from jaxtyping import Array, ArrayLike, Float, PyTree
+from jaxtyping import Array, ArrayLike, Bool, Float, PyTree
 
 # What the field calls the x and y of these.
 _PAIRS = {"center": "center_", "principal_point": "c", "focal_length": "f"}
@@ -76,6 +76,30 @@ def as_floating(values: ArrayLike | Sequence) -> Array:
     return array.astype(jnp.result_type(float))
 
 
+def as_parameter(value: ArrayLike, name: str) -> Float[Array, ""]:
+    """Returns a lens's number as an array.
+
+    Raises:
+        ValueError: it is no single number.
+    """
+    number = as_floating(value)
+    if number.ndim != 0:
+        raise ValueError(f"{name} must be a number, got shape {number.shape}; a batch of lenses is made by jax.vmap")
+    return number
+
+
+def as_parameters(**values: ArrayLike) -> list[Float[Array, ""]]:
+    """Returns a lens's numbers, given by name, as arrays of one dtype: plain numbers take that of arrays beside them.
+
+    Raises:
+        ValueError: one of them is no single number.
+    """
+    arrays = [as_parameter(value, name) for name, value in values.items()]
+    typed = [array.dtype for array, value in zip(arrays, values.values(), strict=True) if hasattr(value, "dtype")]
+    dtype = jnp.result_type(*(typed or [float]))
+    return [array.astype(dtype) for array in arrays]
+
+
 def as_coefficients(values: ArrayLike | Sequence, name: str, meaning: str) -> Float[Array, " terms"]:
     """Returns the coefficients of a lens as a vector; OpenCV's 1×n and n×1 arrays are taken as such.
 
@@ -100,28 +124,6 @@ def as_coefficients(values: ArrayLike | Sequence, name: str, meaning: str) -> Fl
     return array
 
 
-def as_numbers(name: str, **values: ArrayLike) -> list[Float[Array, ""]]:
-    """Returns the numbers that make a lens as arrays of one dtype: plain numbers take that of arrays beside them.
-
-    Args:
-        name: The class that they are for, for messages.
-        values: The numbers, by name.
-
-    Raises:
-        ValueError: one of them is an array of several.
-    """
-    arrays = {key: as_floating(value) for key, value in values.items()}
-    for key, array in arrays.items():
-        if array.ndim != 0:
-            raise ValueError(
-                f"{key} must be a number, got shape {array.shape}; a batch of lenses is made by "
-                f"jax.vmap({name})({', '.join(values)})"
-            )
-    typed = [array.dtype for key, array in arrays.items() if hasattr(values[key], "dtype")]
-    dtype = jnp.result_type(*(typed or [jnp.result_type(float)]))
-    return [array.astype(dtype) for array in arrays.values()]
-
-
 def as_points(points: ArrayLike | Sequence) -> Float[Array, "*batch 2"]:
     """Returns `points` as a floating array and checks that its last axis holds (x, y).
 
@@ -134,14 +136,31 @@ def as_points(points: ArrayLike | Sequence) -> Float[Array, "*batch 2"]:
     return array
 
 
+def as_rays(rays: ArrayLike | Sequence) -> Float[Array, "*batch 3"]:
+    """Returns `rays` as a floating array and checks that its last axis holds (x, y, z).
+
+    Raises:
+        ValueError: the last axis has not length 3.
+    """
+    array = as_floating(rays)
+    if array.ndim == 0 or array.shape[-1] != 3:
+        raise ValueError(f"rays must have shape (..., 3), x to the right, y down, z forward, got {array.shape}")
+    return array
+
+
 def split(points: Float[Array, "*batch 2"]) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
     """Returns the x and y of points as two planes: arithmetic on planes is twice as fast as on pairs."""
     return points[..., 0], points[..., 1]
 
 
-def join(x: Float[Array, "*batch"], y: Float[Array, "*batch"]) -> Float[Array, "*batch 2"]:
-    """Returns points from their x and y."""
-    return jnp.stack([x, y], axis=-1)
+def join(*planes: Float[Array, "*batch"]) -> Float[Array, "*batch axes"]:
+    """Returns points from their x and y, rays from their x, y and z."""
+    return jnp.stack(planes, axis=-1)
+
+
+def masked(points: Float[Array, "*batch axes"], valid: Bool[Array, "*batch"]) -> Float[Array, "*batch axes"]:
+    """Returns points, or rays, with NaN where they are not valid; plane by plane, which fuses with what comes next."""
+    return join(*(jnp.where(valid, points[..., axis], jnp.nan) for axis in range(points.shape[-1])))
 
 
 def epsilon(dtype: jax.typing.DTypeLike) -> float:

@@ -8,7 +8,7 @@ from jaxtyping import Array, ArrayLike, Float
 from jaxlens.lenses._lens import RadialLens, as_center
 from jaxlens.lenses._powers import PowersLens, check_scale, first_root, smooth_root
 from jaxlens.lenses._registry import register
-from jaxlens.numerics import as_numbers, jitted, polynomial
+from jaxlens.numerics import as_parameters, jitted, polynomial
 
 
 class _FourNumbers(RadialLens):
@@ -27,12 +27,11 @@ class _FourNumbers(RadialLens):
         d: ArrayLike | None = None,
         center: ArrayLike | list | tuple | None = None,
     ):
-        name = type(self).__name__
         if d is None:
-            self.a, self.b, self.c = as_numbers(name, a=a, b=b, c=c)
+            self.a, self.b, self.c = as_parameters(a=a, b=b, c=c)
             self.d = 1 - self.a - self.b - self.c
         else:
-            self.a, self.b, self.c, self.d = as_numbers(name, a=a, b=b, c=c, d=d)
+            self.a, self.b, self.c, self.d = as_parameters(a=a, b=b, c=c, d=d)
         check_scale(self, self.d, "d")
         self.center = as_center(center, self.a.dtype)
 

@@ -9,7 +9,7 @@ from jaxtyping import Array, ArrayLike, Float, Int8
 from jaxlens.lenses._lens import RadialLens, as_center
 from jaxlens.lenses._registry import register
 from jaxlens.maps import inverse_status
-from jaxlens.numerics import as_numbers, epsilon, polynomial
+from jaxlens.numerics import as_parameter, epsilon, polynomial
 
 # Below this square of the angle the series of tan z / z and arctan z / z take over, to all digits.
 _SMALL = 0.05
@@ -37,7 +37,7 @@ class FieldOfView(RadialLens):
     term_counts: ClassVar[tuple[int, ...]] = (1,)
 
     def __init__(self, omega: ArrayLike, *, center: ArrayLike | list | tuple | None = None):
-        (self.omega,) = as_numbers("FieldOfView", omega=omega)
+        self.omega = as_parameter(omega, "omega")
         self.center = as_center(center, self.omega.dtype)
 
     @classmethod

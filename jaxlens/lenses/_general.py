@@ -21,6 +21,11 @@ _WHOLE_STEPS = 4
 # In units in the last place: the residual at which a fused iteration has ended.
 _ROOT_ULPS = 8.0
 
+# Bisections on the ray of a point that is left, of a bracket this much wider than its radius to both sides.
+_BISECTIONS, _WIDTH = 32, 2.0**100
+# How much nearer than the nearest fold they end.
+_MARGIN = 0.01
+
 Plane = Float[Array, "*batch"]
 
 
@@ -84,7 +89,7 @@ def solve(lens: Any, x: Plane, y: Plane) -> tuple[Plane, Plane, Int8[Array, "*ba
             found, converged, blocked = solve_points(
                 function,
                 goal,
-                jnp.broadcast_to(region.center, goal.shape),
+                _on_its_ray(function, region, goal),
                 admissible=lambda points, size: region.contains(function, *split(points), size),
             )
             reason = jnp.where(blocked, InverseStatus.NO_PREIMAGE, InverseStatus.NOT_CONVERGED)
@@ -108,6 +113,33 @@ def _newton_step(function: PlaneMap, root: tuple[Plane, Plane], target: tuple[Pl
     inverse = 1 / (ux * vy - uy * vx)
     u, v = u - target[0], v - target[1]
     return root[0] - (vy * u - uy * v) * inverse, root[1] - (ux * v - vx * u) * inverse
+
+
+def _on_its_ray(function: PlaneMap, region: Region, goal: Float[Array, "batch 2"]) -> Float[Array, "batch 2"]:
+    """Returns, on the ray of each observed point, the ideal point that is seen as far out, before the nearest fold.
+
+    Far out, where a high power rules, Newton's iteration would take long to get there from the centre.
+    """
+    x, y = split(goal - function(region.center))
+    size = jnp.sqrt(x * x + y * y)
+    unit = jnp.where(size > 0, 1 / jnp.where(size > 0, size, 1), 0)
+    x, y = x * unit, y * unit
+
+    def point(ideal: Array) -> Array:
+        return join(region.center[0] + ideal * x, region.center[1] + ideal * y)
+
+    def bisect(_, bracket):
+        low, high = bracket
+        middle = jnp.sqrt(low) * jnp.sqrt(high)
+        u, v = split(function(point(middle)) - function(region.center))
+        nearer = u * u + v * v < size * size  # false, too, where the lens is no longer finite
+        return jnp.where(nearer, middle, low), jnp.where(nearer, high, middle)
+
+    nearest = (1 - _MARGIN) * jnp.min(region.edges)
+    farthest = jnp.minimum(nearest, jnp.finfo(size.dtype).max)
+    low, high = size / _WIDTH, jnp.minimum(size * _WIDTH, farthest)
+    low, _ = lax.fori_loop(0, _BISECTIONS, bisect, (jnp.minimum(low, high), high))
+    return point(low)
 
 
 def _radial_guess(function: PlaneMap, region: Region, x: Plane, y: Plane) -> Callable[[Plane], Plane]:

@@ -16,11 +16,14 @@ from jaxlens.lenses._general import lies_inside, solve
 from jaxlens.lenses._region import find_region
 from jaxlens.maps import CoordinateMap, Inverse, InverseStatus, inverse_status
 from jaxlens.newton import implicit_point_root, implicit_root, is_root, solve_increasing
-from jaxlens.numerics import as_floating, as_points, jitted, join, split
+from jaxlens.numerics import as_floating, as_points, as_rays, jitted, join, masked, split
 
 
 class Lens(CoordinateMap):
     """A coordinate map that takes ideal points to observed ones, both normalized.
+
+    An ideal point (x, y) is the direction (x, y, 1): x to the right, y down, z forward. `project` and `unproject` speak
+    of directions; a lens that is written on the plane sees those with z > 0, a `WideLens` perhaps more.
 
     A lens of one's own defines `distort`; for fits by name, from the command line, `identity`, too; and
     `jaxlens.lenses.register` gives it a name in files.
@@ -92,6 +95,58 @@ class Lens(CoordinateMap):
         return find_region(lens.distort, jnp.zeros(2, points.dtype), lens.pole_radius()).surely(*split(points))
 
     @jitted
+    def project(self, rays: Float[ArrayLike, "*batch 3"]) -> Float[Array, "*batch 2"]:
+        """Maps rays to observed points.
+
+        Args:
+            rays: `(..., 3)` directions from the centre of projection, of any length: x to the right, y down, z forward.
+
+        Returns:
+            `(..., 2)` observed points in normalized coordinates; NaN where the lens does not see: beyond its field,
+            beyond a fold, or where a ray is zero or not finite. Derivatives are finite, in masked places zero.
+        """
+        x, y, z = jnp.moveaxis(as_rays(rays), -1, 0)
+        ahead = z > 0
+        depth = jnp.where(ahead, z, 1)
+        x, y = x / depth, y / depth
+        ahead &= _squared_radius(x, y) < jnp.inf
+        ideal = join(jnp.where(ahead, x, 0), jnp.where(ahead, y, 0))
+        seen = ahead & self.one_to_one(ideal)
+        return masked(self.distort(jnp.where(seen[..., None], ideal, 0)), seen)
+
+    @jitted
+    def unproject(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 3"]:
+        """Maps observed points `(..., 2)` to unit rays `(..., 3)`, exactly; NaN where there is none."""
+        found = self.preimages(points)
+        valid = found[..., 0] == found[..., 0]
+        return masked(_unit_ray(*split(jnp.where(valid[..., None], found, 0))), valid)
+
+    @jitted
+    def invert_projection(self, points: Float[ArrayLike, "*batch 2"]) -> Inverse:
+        """Finds the rays of observed points: as `unproject`, with the reason where there is none.
+
+        Args:
+            points: `(..., 2)` observed points.
+
+        Returns:
+            An `Inverse` whose points are unit rays `(..., 3)`, finite everywhere; the rest is as in `invert`.
+        """
+        found = self.invert(points)
+        return Inverse(_unit_ray(*split(found.points)), found.valid, found.status)
+
+    def field_of_view(self) -> Float[Array, ""]:
+        """Returns the angle from the axis, in radians, up to which the lens is one-to-one in every direction."""
+        return jnp.arctan(self.nearest_fold())
+
+    @jitted
+    def nearest_fold(self) -> Float[Array, ""]:
+        """Returns the ideal radius about the origin of the nearest point where the lens folds; ∞ if it never does."""
+        fixed = lax.stop_gradient(self)
+        parameters = jax.tree.leaves(eqx.filter(self, eqx.is_inexact_array))
+        dtype = jnp.result_type(*parameters) if parameters else jnp.result_type(float)
+        return jnp.min(find_region(fixed.distort, jnp.zeros(2, dtype), fixed.pole_radius()).edges)
+
+    @jitted
     def invert(self, points: Float[ArrayLike, "*batch 2"]) -> Inverse:
         """Finds the ideal points of observed ones, in the region about the origin where the lens is one-to-one.
 
@@ -122,9 +177,8 @@ class Lens(CoordinateMap):
     def preimages(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2"]:
         """Returns the points of `invert`, NaN where they are not valid."""
         lens, target, root, status = self._solved(points)
-        x, y = split(implicit_point_root(_point_residual, root, (lens, target)))
-        valid = status == InverseStatus.CONVERGED
-        return join(jnp.where(valid, x, jnp.nan), jnp.where(valid, y, jnp.nan))
+        root = implicit_point_root(_point_residual, root, (lens, target))
+        return masked(root, status == InverseStatus.CONVERGED)
 
     def _solved(self, points: ArrayLike) -> tuple["Lens", Array, Array, Array]:
         """Returns the lens and finite observed points in one dtype, ideal points without derivatives, the status."""
@@ -160,6 +214,10 @@ class RadialLens(Lens):
         """Maps ideal points `(..., 2)` to observed ones, beyond the fold radius too."""
         x, y = self.offset(points)
         return self.scaled(x, y, self.factor(x * x + y * y))
+
+    def nearest_fold(self) -> Float[Array, ""]:
+        """Returns the ideal radius about the origin of the nearest point of the fold; ∞ if there is none."""
+        return jnp.maximum(self.fold_radius() - jnp.sqrt(_squared_radius(*self.center)), 0)
 
     def surely_one_to_one(self, points: Float[Array, "*batch 2"]) -> None:
         """Returns None: to compare each point's radius with the fold's is as quick."""
@@ -295,6 +353,12 @@ def _squared_radius_jvp(primals, tangents):
     finite = squared < jnp.inf
     x, y = jnp.where(finite, x, 0), jnp.where(finite, y, 0)
     return squared, 2 * (x * tangents[0] + y * tangents[1])
+
+
+def _unit_ray(x: Array, y: Array) -> Float[Array, "*batch 3"]:
+    """Returns the direction of ideal points."""
+    z = lax.rsqrt(1 + x * x + y * y)
+    return join(x * z, y * z, z)
 
 
 def _squared_residual(squared_ideal: Array, parameters: tuple[RadialLens, Array]) -> Array:

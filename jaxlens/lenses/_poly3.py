@@ -8,7 +8,7 @@ from jaxtyping import Array, ArrayLike, Float
 from jaxlens.lenses._lens import RadialLens, as_center
 from jaxlens.lenses._powers import check_scale
 from jaxlens.lenses._registry import register
-from jaxlens.numerics import as_numbers
+from jaxlens.numerics import as_parameter
 
 
 @register("Poly3", short="poly3")
@@ -32,7 +32,7 @@ class Poly3(RadialLens):
     term_counts: ClassVar[tuple[int, ...]] = (1,)
 
     def __init__(self, k1: ArrayLike, *, center: ArrayLike | list | tuple | None = None):
-        (self.k1,) = as_numbers("Poly3", k1=k1)
+        self.k1 = as_parameter(k1, "k1")
         check_scale(self, 1 - self.k1, "1 − k1")
         self.center = as_center(center, self.k1.dtype)
 

@@ -7,7 +7,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from jaxlens.lenses._lens import RadialLens, as_center
 from jaxlens.lenses._registry import register
-from jaxlens.numerics import as_numbers, jitted
+from jaxlens.numerics import as_parameters, jitted
 from jaxlens.polynomials import smallest_positive_root
 
 
@@ -33,7 +33,7 @@ class Poly5(RadialLens):
     term_counts: ClassVar[tuple[int, ...]] = (2,)
 
     def __init__(self, k1: ArrayLike, k2: ArrayLike, *, center: ArrayLike | list | tuple | None = None):
-        self.k1, self.k2 = as_numbers("Poly5", k1=k1, k2=k2)
+        self.k1, self.k2 = as_parameters(k1=k1, k2=k2)
         self.center = as_center(center, self.k1.dtype)
 
     @classmethod

@@ -8,7 +8,7 @@ from jaxtyping import Array, ArrayLike, Float
 from jaxlens.lenses._lens import as_center
 from jaxlens.lenses._powers import PowersLens, check_scale
 from jaxlens.lenses._registry import register
-from jaxlens.numerics import as_numbers
+from jaxlens.numerics import as_parameters
 
 
 @register("PtLens", short="ptlens")
@@ -39,7 +39,7 @@ class PtLens(PowersLens):
     term_counts: ClassVar[tuple[int, ...]] = (3,)
 
     def __init__(self, a: ArrayLike, b: ArrayLike, c: ArrayLike, *, center: ArrayLike | list | tuple | None = None):
-        self.a, self.b, self.c = as_numbers("PtLens", a=a, b=b, c=c)
+        self.a, self.b, self.c = as_parameters(a=a, b=b, c=c)
         check_scale(self, 1 - self.a - self.b - self.c, "1 − a − b − c")
         self.center = as_center(center, self.a.dtype)
 
