@@ -33,6 +33,7 @@ from .lenses import RadialLens as RadialLens
 from .lenses import RadialPolynomial as RadialPolynomial
 from .lenses import RadialPowers as RadialPowers
 from .lenses import RadialPowersInverse as RadialPowersInverse
+from .lenses import SplinedAngle as SplinedAngle
 from .lenses import SplinedRadial as SplinedRadial
 from .lenses import Stereographic as Stereographic
 from .lenses import UnifiedCamera as UnifiedCamera

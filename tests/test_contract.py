@@ -86,6 +86,9 @@ EXAMPLES = {
     "RadialPolynomial": polynomial,
     "RadialPowers": lambda strength, dtype: jl.RadialPowers(np.asarray([1, strength / 5, -strength], dtype)),
     "RadialPowersInverse": lambda strength, dtype: jl.RadialPowersInverse(np.asarray([1, 0, strength], dtype)),
+    "SplinedAngle": lambda strength, dtype: jl.SplinedAngle(
+        np.asarray([0.4, 0.8], dtype), np.asarray([0.4, 0.8 - strength / 4], dtype)
+    ),
     "SplinedRadial": lambda strength, dtype: jl.SplinedRadial(
         np.asarray([0.4, 0.8], dtype), np.asarray([0.4, 0.8 - strength / 4], dtype)
     ),

@@ -28,6 +28,7 @@ from jaxlens.lenses._registry import find_lens as find_lens
 from jaxlens.lenses._registry import register as register
 from jaxlens.lenses._registry import registered as registered
 from jaxlens.lenses._registry import registered_name as registered_name
+from jaxlens.lenses._splined_angle import SplinedAngle as SplinedAngle
 from jaxlens.lenses._splined_radial import SplinedRadial as SplinedRadial
 from jaxlens.lenses._unified_camera import UnifiedCamera as UnifiedCamera
 from jaxlens.lenses._wide_lens import DistortedProjection as DistortedProjection

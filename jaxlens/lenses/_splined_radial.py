@@ -43,15 +43,7 @@ class SplinedRadial(RadialLens):
         *,
         center: ArrayLike | list | tuple | None = None,
     ):
-        self.nodes, self.values = as_floating(nodes), as_floating(values)
-        if self.nodes.ndim != 1 or self.nodes.shape != self.values.shape or not self.nodes.size:
-            raise ValueError(
-                "SplinedRadial takes nodes and values, two lists of as many radii, got shapes "
-                f"{self.nodes.shape} and {self.values.shape}"
-            )
-        for name, radii in (("nodes", self.nodes), ("values", self.values)):
-            if is_concrete(radii) and not np.all(np.diff(np.asarray(radii), prepend=0) > 0):
-                raise ValueError(f"the {name} of SplinedRadial rise from above zero, got {np.asarray(radii).tolist()}")
+        self.nodes, self.values = check_nodes("SplinedRadial", nodes, values)
         self.center = as_center(center, self.values.dtype)
 
     @classmethod
@@ -99,6 +91,25 @@ class SplinedRadial(RadialLens):
             total = total + t * (slopes[i] + t * (curvatures[i] + t * cubics[i]))
         total = total + slopes[-1] * jnp.maximum(radius - self.nodes[-1], 0)
         return total / jnp.maximum(radius, first)
+
+
+def check_nodes(
+    name: str, nodes: ArrayLike | list | tuple, values: ArrayLike | list | tuple
+) -> tuple[Float[Array, " count"], Float[Array, " count"]]:
+    """Returns the nodes and values of a spline as arrays.
+
+    Raises:
+        ValueError: they are no lists of the same length, or known and do not rise.
+    """
+    x, y = as_floating(nodes), as_floating(values)
+    if x.ndim != 1 or x.shape != y.shape or not x.size:
+        raise ValueError(
+            f"{name} takes nodes and values, two lists of the same length, got shapes {x.shape}, {y.shape}"
+        )
+    for which, array in (("nodes", x), ("values", y)):
+        if is_concrete(array) and not np.all(np.diff(np.asarray(array), prepend=0) > 0):
+            raise ValueError(f"the {which} of {name} rise from above zero, got {np.asarray(array).tolist()}")
+    return x, y
 
 
 def _slopes(widths: Float[Array, " count"], secants: Float[Array, " count"]) -> Float[Array, " count_and_one"]:
