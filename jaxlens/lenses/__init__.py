@@ -8,6 +8,7 @@ from jaxlens.lenses._kannala_brandt import KannalaBrandt as KannalaBrandt
 from jaxlens.lenses._lens import Lens as Lens
 from jaxlens.lenses._lens import RadialLens as RadialLens
 from jaxlens.lenses._lens import as_center as as_center
+from jaxlens.lenses._lens import on_the_plane as on_the_plane
 from jaxlens.lenses._projections import Cylindrical as Cylindrical
 from jaxlens.lenses._projections import Equidistant as Equidistant
 from jaxlens.lenses._projections import Equirectangular as Equirectangular
