@@ -88,6 +88,18 @@ def as_parameter(value: ArrayLike, name: str) -> Float[Array, ""]:
     return number
 
 
+def as_parameters(**values: ArrayLike) -> list[Float[Array, ""]]:
+    """Returns a lens's numbers, given by name, as arrays of one dtype: plain numbers take that of arrays beside them.
+
+    Raises:
+        ValueError: one of them is no single number.
+    """
+    arrays = [as_parameter(value, name) for name, value in values.items()]
+    typed = [array.dtype for array, value in zip(arrays, values.values(), strict=True) if hasattr(value, "dtype")]
+    dtype = jnp.result_type(*(typed or [float]))
+    return [array.astype(dtype) for array in arrays]
+
+
 def as_coefficients(values: ArrayLike | Sequence, name: str, meaning: str) -> Float[Array, " terms"]:
     """Returns the coefficients of a lens as a vector; OpenCV's 1×n and n×1 arrays are taken as such.
 

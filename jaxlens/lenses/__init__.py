@@ -1,14 +1,19 @@
 """Lens models, one file a family."""
 
+from jaxlens.lenses._barrel import Barrel as Barrel
+from jaxlens.lenses._barrel import BarrelInverse as BarrelInverse
 from jaxlens.lenses._brown_conrady import BrownConrady as BrownConrady
 from jaxlens.lenses._division import Division as Division
 from jaxlens.lenses._double_sphere import DoubleSphere as DoubleSphere
 from jaxlens.lenses._extended_unified_camera import ExtendedUnifiedCamera as ExtendedUnifiedCamera
+from jaxlens.lenses._field_of_view import FieldOfView as FieldOfView
 from jaxlens.lenses._kannala_brandt import KannalaBrandt as KannalaBrandt
 from jaxlens.lenses._lens import Lens as Lens
 from jaxlens.lenses._lens import RadialLens as RadialLens
 from jaxlens.lenses._lens import as_center as as_center
 from jaxlens.lenses._lens import on_the_plane as on_the_plane
+from jaxlens.lenses._poly3 import Poly3 as Poly3
+from jaxlens.lenses._poly5 import Poly5 as Poly5
 from jaxlens.lenses._projections import Cylindrical as Cylindrical
 from jaxlens.lenses._projections import Equidistant as Equidistant
 from jaxlens.lenses._projections import Equirectangular as Equirectangular
@@ -16,11 +21,16 @@ from jaxlens.lenses._projections import Equisolid as Equisolid
 from jaxlens.lenses._projections import Orthographic as Orthographic
 from jaxlens.lenses._projections import Perspective as Perspective
 from jaxlens.lenses._projections import Stereographic as Stereographic
+from jaxlens.lenses._pt_lens import PtLens as PtLens
 from jaxlens.lenses._radial_polynomial import RadialPolynomial as RadialPolynomial
+from jaxlens.lenses._radial_powers import RadialPowers as RadialPowers
+from jaxlens.lenses._radial_powers import RadialPowersInverse as RadialPowersInverse
 from jaxlens.lenses._registry import find_lens as find_lens
 from jaxlens.lenses._registry import register as register
 from jaxlens.lenses._registry import registered as registered
 from jaxlens.lenses._registry import registered_name as registered_name
+from jaxlens.lenses._splined_angle import SplinedAngle as SplinedAngle
+from jaxlens.lenses._splined_radial import SplinedRadial as SplinedRadial
 from jaxlens.lenses._unified_camera import UnifiedCamera as UnifiedCamera
 from jaxlens.lenses._wide_lens import DistortedProjection as DistortedProjection
 from jaxlens.lenses._wide_lens import Projection as Projection

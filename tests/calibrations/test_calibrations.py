@@ -93,7 +93,10 @@ GOOD = {
     [
         ({"format": "other"}, 'it does not say "format"'),
         ({"schema_version": 2}, "schema version 2"),
-        ({"model": "Fisheye"}, "model: there is no lens 'Fisheye'; there are BrownConrady, Division, RadialPolynomial"),
+        (
+            {"model": "Fisheye"},
+            "model: there is no lens 'Fisheye'; there are .*Division, .*RadialPolynomial",
+        ),
         ({"parameters": {"k": "0.1"}}, r"parameters\.k.*got '0.1'"),
         ({"lens": 1}, "lens: Extra inputs are not permitted"),
         ({"frame": {"center": [0, 0], "scale": [0, 1]}}, r"frame\.scale\.0: .*greater than 0"),

@@ -1,0 +1,113 @@
+"""ImageMagick's two lenses, `-distort Barrel` and `-distort BarrelInverse`."""
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from jaxlens.lenses._lens import RadialLens, as_center
+from jaxlens.lenses._powers import PowersLens, check_scale, first_root, smooth_root
+from jaxlens.lenses._registry import register
+from jaxlens.numerics import as_parameters, jitted, polynomial
+
+
+class _FourNumbers(RadialLens):
+    a: Float[Array, ""]
+    b: Float[Array, ""]
+    c: Float[Array, ""]
+    d: Float[Array, ""]
+    term_counts: ClassVar[tuple[int, ...]] = (4,)
+
+    def __init__(
+        self,
+        a: ArrayLike,
+        b: ArrayLike,
+        c: ArrayLike,
+        *,
+        d: ArrayLike | None = None,
+        center: ArrayLike | list | tuple | None = None,
+    ):
+        if d is None:
+            self.a, self.b, self.c = as_parameters(a=a, b=b, c=c)
+            self.d = 1 - self.a - self.b - self.c
+        else:
+            self.a, self.b, self.c, self.d = as_parameters(a=a, b=b, c=c, d=d)
+        check_scale(self, self.d, "d")
+        self.center = as_center(center, self.a.dtype)
+
+    @classmethod
+    def identity(cls, *, terms: int | None = None) -> "_FourNumbers":
+        """Returns the lens with a = b = c = 0 and d = 1."""
+        cls.count_terms(terms)
+        return cls(0.0, 0.0, 0.0, d=1.0)
+
+    def powers(self) -> Float[Array, " terms"]:
+        """Returns d, c, b, a."""
+        return jnp.stack([self.d, self.c, self.b, self.a])
+
+
+@register("Barrel", short="barrel")
+class Barrel(_FourNumbers, PowersLens):
+    """`r_d = r_u (a r³ + b r² + c r + d)` with r = r_u (ImageMagick's `-distort Barrel "a b c d"`).
+
+    ImageMagick's output is the undistorted picture, and r the radius there, in units of half the shorter side, about
+    the middle: `Frame(((w − 1) / 2, (h − 1) / 2), min(w, h) / 2)`. d is positive.
+
+    Attributes:
+        a: The coefficient of r³.
+        b: The coefficient of r².
+        c: The coefficient of r. Other than zero it has no second derivative at the centre: zero stands in for it.
+        d: The scale at the centre; 1 − a − b − c unless given, as in ImageMagick: the radius one stays where it is.
+        center: The centre of distortion c in normalized coordinates; the frame's origin unless given.
+
+    Example:
+        >>> import jaxlens as jl
+        >>> jl.Barrel(0.0, 0.5, 0.25).distort([0.5, 0.0]).tolist()
+        [0.25, 0.0]
+    """
+
+
+@register("BarrelInverse", short="barrel-inverse")
+class BarrelInverse(_FourNumbers):
+    """`r_d = r_u / (a r³ + b r² + c r + d)` with r = r_u (ImageMagick's `-distort BarrelInverse "a b c d"`).
+
+    Not the inverse of `Barrel`: ImageMagick calls so what divides by the polynomial. The units are those of `Barrel`.
+
+    Attributes:
+        a: The coefficient of r³.
+        b: The coefficient of r².
+        c: The coefficient of r. Other than zero it has no second derivative at the centre: zero stands in for it.
+        d: One over the scale at the centre; 1 − a − b − c unless given, as in ImageMagick.
+        center: The centre of distortion c in normalized coordinates; the frame's origin unless given.
+
+    Example:
+        >>> import jaxlens as jl
+        >>> jl.BarrelInverse(0.0, 0.5, 0.25).distort([0.5, 0.0]).tolist()
+        [1.0, 0.0]
+    """
+
+    def factor(self, squared_radius: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
+        """Returns Φ = 1 / (a r³ + b r² + c r + d)."""
+        return 1 / polynomial(self.powers(), smooth_root(squared_radius))
+
+    def radius(self, radius: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
+        """Returns the observed radius of ideal radii."""
+        return radius / polynomial(self.powers(), radius)
+
+    @jitted
+    def fold_radius(self) -> Float[Array, ""]:
+        """Returns the first r where d − b r² − 2 a r³, or the polynomial itself, turns negative; ∞ if neither does."""
+        return jnp.minimum(*self._ends())
+
+    @jitted
+    def edge_radius(self) -> Float[Array, ""]:
+        """Returns the observed radius of the fold; ∞ where the polynomial vanishes first, 1 / c where nothing ends."""
+        fold, pole = self._ends()
+        folds, unending = fold < pole, jnp.isinf(fold) & jnp.isinf(pole)
+        bounded = unending & (self.c > 0)
+        limit = jnp.where(bounded, 1 / jnp.where(bounded, self.c, 1), jnp.inf)
+        return jnp.where(folds, self.radius(jnp.where(folds, fold, 0)), limit)
+
+    def _ends(self) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        powers = self.powers()
+        return first_root(powers * jnp.asarray([1, 0, -1, -2], powers.dtype)), first_root(powers)
