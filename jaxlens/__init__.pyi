@@ -1,5 +1,6 @@
 # The public names: `__init__.py` imports each from here when it is first used, and type checkers read them here.
 from . import calibrations as calibrations
+from . import cameras as cameras
 from . import deformations as deformations
 from . import diagnostics as diagnostics
 from . import fitting as fitting
@@ -10,6 +11,8 @@ from . import metrics as metrics
 from . import profiles as profiles
 from . import self_calibration as self_calibration
 from . import surfaces as surfaces
+from .cameras import Camera as Camera
+from .cameras import reproject as reproject
 from .frames import Frame as Frame
 from .lenses import Barrel as Barrel
 from .lenses import BarrelInverse as BarrelInverse

@@ -32,10 +32,16 @@ def jacobian_determinant(
     return mapping.jacobian_determinant(frame.normalize(pixel_grid(height, width, frame.scale.dtype)))
 
 
-@partial(jax.jit, static_argnames=("height", "width"))
+@partial(jax.jit, static_argnames=("height", "width", "shape"))
 def coverage(
-    mapping: CoordinateMap, height: int, width: int, *, frame: Frame | None = None
-) -> Bool[Array, "height width"]:
+    mapping: CoordinateMap,
+    height: int,
+    width: int,
+    *,
+    frame: Frame | None = None,
+    output_frame: Frame | None = None,
+    shape: tuple[int, int] | None = None,
+) -> Bool[Array, "new_height new_width"]:
     """Returns which output pixels of `warp(image, mapping)` have their source inside the picture.
 
     For `distort_image` the map is `lens.inverse()`. A source is inside if it lies on the area between the centres of
@@ -46,8 +52,11 @@ def coverage(
         height: Height of the picture, in pixels.
         width: Width of the picture, in pixels.
         frame: Ties pixels to normalized coordinates; Eq. 10's by default.
+        output_frame: As in `warp`.
+        shape: As in `warp`.
     """
-    return _inside(source_coordinates(mapping, height, width, frame=frame), height, width)
+    sources = source_coordinates(mapping, height, width, frame=frame, output_frame=output_frame, shape=shape)
+    return _inside(sources, height, width)
 
 
 def _inside(coordinates: Float[Array, "*batch 2"], height: int, width: int) -> Bool[Array, "*batch"]:

@@ -65,6 +65,14 @@ class Frame(eqx.Module):
         """Returns the frame of a picture enlarged about this one's centre: `zoom` times the pixels per unit."""
         return type(self)(self.center, self.scale * zoom)
 
+    def stretched(self, wide: ArrayLike, tall: ArrayLike) -> "Frame":
+        """Returns the frame of a picture resized to that many times its width and height.
+
+        Pixel centres lie at integers: it is the picture's corners, at −1/2, that keep their place.
+        """
+        factors = jnp.stack([jnp.asarray(factor, self.scale.dtype) for factor in (wide, tall)])
+        return type(self)((self.center + 0.5) * factors - 0.5, self.scale * factors)
+
     def camera_matrix(self) -> Float[Array, "3 3"]:
         """Returns the frame as a camera matrix."""
         zero, one = jnp.zeros_like(self.scale[0]), jnp.ones_like(self.scale[0])

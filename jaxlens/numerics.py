@@ -168,7 +168,9 @@ def epsilon(dtype: jax.typing.DTypeLike) -> float:
     return float(jnp.finfo(dtype).eps)
 
 
-def polynomial(coefficients: Float[Array, " terms"], x: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
+def polynomial(
+    coefficients: Float[Array, " terms"] | tuple[float, ...], x: Float[Array, "*batch"]
+) -> Float[Array, "*batch"]:
     """Evaluates `Σ coefficients[i] xⁱ` by Horner's rule; the empty sum is zero."""
     total = jnp.zeros_like(x)
     for coefficient in reversed(list(coefficients)):

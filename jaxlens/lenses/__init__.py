@@ -11,6 +11,7 @@ from jaxlens.lenses._kannala_brandt import KannalaBrandt as KannalaBrandt
 from jaxlens.lenses._lens import Lens as Lens
 from jaxlens.lenses._lens import RadialLens as RadialLens
 from jaxlens.lenses._lens import as_center as as_center
+from jaxlens.lenses._lens import on_the_plane as on_the_plane
 from jaxlens.lenses._poly3 import Poly3 as Poly3
 from jaxlens.lenses._poly5 import Poly5 as Poly5
 from jaxlens.lenses._projections import Cylindrical as Cylindrical

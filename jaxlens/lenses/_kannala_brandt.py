@@ -32,6 +32,7 @@ class KannalaBrandt(DistortedProjection):
 
     coefficients: Float[Array, " terms"]
     term_counts: ClassVar[tuple[int, ...]] = (4, 1, 2, 3)
+    is_round: ClassVar[bool] = True
 
     def __init__(self, coefficients: ArrayLike | list | tuple):
         self.coefficients = as_coefficients(coefficients, "KannalaBrandt", "k1, k2, k3, k4")

@@ -7,15 +7,16 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
+from jaxlens.lenses._lens import on_the_plane
 from jaxlens.lenses._registry import register
 from jaxlens.lenses._wide_lens import Plane, Projection, unit
 from jaxlens.numerics import join, polynomial, split
 
 # Below this square of an angle or a sine series take over, with so many terms that the rest is below rounding.
 _NEAR = 1e-2
-_ARCSINE = (1, 1 / 6, 3 / 40, 5 / 112, 35 / 1152, 63 / 2816, 231 / 13312, 143 / 10240)
-_SINE = (1, -1 / 6, 1 / 120, -1 / 5040, 1 / 362880, -1 / 39916800)
-_COSINE = (1, -1 / 2, 1 / 24, -1 / 720, 1 / 40320, -1 / 3628800)
+_ARCSINE = (1.0, 1 / 6, 3 / 40, 5 / 112, 35 / 1152, 63 / 2816, 231 / 13312, 143 / 10240)
+_SINE = (1.0, -1 / 6, 1 / 120, -1 / 5040, 1 / 362880, -1 / 39916800)
+_COSINE = (1.0, -1 / 2, 1 / 24, -1 / 720, 1 / 40320, -1 / 3628800)
 
 _Observed = tuple[Float[Array, "*batch 2"], Bool[Array, "*batch"]]
 _Raised = tuple[Float[Array, "*batch 3"], Bool[Array, "*batch"]]
@@ -25,6 +26,7 @@ class _Plain(Projection):
     """A projection without parameters."""
 
     term_counts: ClassVar[tuple[int, ...]] = ()
+    is_round: ClassVar[bool] = True
     largest_angle: ClassVar[float] = np.pi
 
     @classmethod
@@ -47,12 +49,7 @@ class Perspective(_Plain):
 
     def observe(self, rays: Float[Array, "*batch 3"]) -> _Observed:
         """Returns the observed points of finite rays, and which of them lie ahead."""
-        x, y, z = jnp.moveaxis(rays, -1, 0)
-        ahead = z > 0
-        depth = jnp.where(ahead, z, 1)
-        x, y = x / depth, y / depth
-        ahead &= x * x + y * y < jnp.inf
-        return join(jnp.where(ahead, x, 0), jnp.where(ahead, y, 0)), ahead
+        return on_the_plane(rays)
 
     def raised(self, points: Float[Array, "*batch 2"]) -> _Raised:
         """Returns the unit rays of observed points."""
@@ -150,6 +147,8 @@ class Equirectangular(_Plain):
     Sees all but straight up and straight down. Its picture of 2π by π is the usual panorama of a whole sphere.
     """
 
+    is_round: ClassVar[bool] = False
+
     def observe(self, rays: Float[Array, "*batch 3"]) -> _Observed:
         """Returns the observed points of finite rays; the poles, which have no longitude, are not seen."""
         x, y, z, distance, beside = _about_the_vertical(rays)
@@ -169,6 +168,8 @@ class Cylindrical(_Plain):
 
     Verticals stay straight; it sees all but straight up and straight down.
     """
+
+    is_round: ClassVar[bool] = False
 
     def observe(self, rays: Float[Array, "*batch 3"]) -> _Observed:
         """Returns the observed points of finite rays; those straight up or down are not seen."""

@@ -33,6 +33,7 @@ class SplinedAngle(DistortedProjection):
     nodes: Float[Array, " count"]
     values: Float[Array, " count"]
     term_counts: ClassVar[tuple[int, ...]] = SplinedRadial.term_counts
+    is_round: ClassVar[bool] = True
 
     def __init__(self, nodes: ArrayLike | list | tuple, values: ArrayLike | list | tuple):
         self.nodes, self.values = check_nodes("SplinedAngle", nodes, values)

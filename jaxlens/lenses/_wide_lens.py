@@ -8,7 +8,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 
 from jaxlens.lenses._lens import Lens
 from jaxlens.maps import Inverse, InverseStatus, inverse_status
-from jaxlens.numerics import as_points, as_rays, epsilon, jitted, join, masked, split
+from jaxlens.numerics import as_points, epsilon, jitted, join, masked, split
 
 Plane = Float[Array, "*batch"]
 
@@ -27,14 +27,6 @@ class WideLens(Lens):
     def needs_frame(self) -> bool:
         """True: the coordinates are those of a camera."""
         return True
-
-    @jitted
-    def project(self, rays: Float[ArrayLike, "*batch 3"]) -> Float[Array, "*batch 2"]:
-        """Maps rays `(..., 3)` of any length to observed points, NaN where it does not see (see `Lens.project`)."""
-        rays = as_rays(rays)
-        finite = jnp.all(jnp.isfinite(rays), axis=-1)
-        points, seen = self.observe(jnp.where(finite[..., None], rays, jnp.asarray([0, 0, 1], rays.dtype)))
-        return masked(points, finite & seen)
 
     def unproject(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 3"]:
         """Maps observed points `(..., 2)` to unit rays `(..., 3)`, exactly; NaN where there is none."""
