@@ -1,5 +1,6 @@
 """Lens models, one file a family."""
 
+from jaxlens.lenses._angular_lens import AngularLens as AngularLens
 from jaxlens.lenses._barrel import Barrel as Barrel
 from jaxlens.lenses._barrel import BarrelInverse as BarrelInverse
 from jaxlens.lenses._brown_conrady import BrownConrady as BrownConrady

@@ -61,7 +61,7 @@ class FieldOfView(RadialLens):
         bounded = size > 0
         return jnp.where(bounded, 0.5 * jnp.pi / jnp.where(bounded, size, 1), jnp.inf)
 
-    def _ideal_scale(self, squared: Float[Array, "*batch"]) -> tuple[Float[Array, "*batch"], Int8[Array, "*batch"]]:
+    def ideal_scale(self, squared: Float[Array, "*batch"]) -> tuple[Float[Array, "*batch"], Int8[Array, "*batch"]]:
         # The formula solved for r_u. Beyond the edge stands a very distant point.
         finite = squared <= jnp.finfo(squared.dtype).max
         squared = jnp.square(self.omega) * jnp.where(finite, squared, 0)
