@@ -5,18 +5,21 @@ from typing import ClassVar
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from jaxlens.lenses._lens import on_the_plane
 from jaxlens.lenses._registry import register
 from jaxlens.lenses._wide_lens import Plane, Projection, unit
-from jaxlens.numerics import join, polynomial, split
+from jaxlens.numerics import as_points, jitted, join, polynomial, split
 
 # Below this square of an angle or a sine series take over, with so many terms that the rest is below rounding.
 _NEAR = 1e-2
-_ARCSINE = (1.0, 1 / 6, 3 / 40, 5 / 112, 35 / 1152, 63 / 2816, 231 / 13312, 143 / 10240)
 _SINE = (1.0, -1 / 6, 1 / 120, -1 / 5040, 1 / 362880, -1 / 39916800)
 _COSINE = (1.0, -1 / 2, 1 / 24, -1 / 720, 1 / 40320, -1 / 3628800)
+
+# Halvings of an angle below 90° before its series, and that one's terms, by bytes of the dtype.
+_HALVINGS = 2
+_ARCTANGENT = {2: 4, 4: 9, 8: 20}
 
 _Observed = tuple[Float[Array, "*batch 2"], Bool[Array, "*batch"]]
 _Raised = tuple[Float[Array, "*batch 3"], Bool[Array, "*batch"]]
@@ -70,7 +73,14 @@ class Equidistant(_Plain):
         x, y, z, some = unit(rays)
         squared = x * x + y * y
         scale = _angle_over_sine(squared, z)
-        return join(x * scale, y * scale), some & ((z > 0) | (squared > 0))
+        return join(x * scale, y * scale), some & ((z > 0) | _is_off_axis(squared))
+
+    @jitted
+    def distort(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2"]:
+        """Maps ideal points `(..., 2)` of the plane z = 1 to observed ones."""
+        x, y = split(as_points(points))
+        scale = _angle_over_tangent(x * x + y * y)
+        return join(x * scale, y * scale)
 
     def raised(self, points: Float[Array, "*batch 2"]) -> _Raised:
         """Returns the unit rays of observed points; those with r < π are of one."""
@@ -194,10 +204,30 @@ def _about_the_vertical(rays: Float[Array, "*batch 3"]) -> tuple[Plane, Plane, P
 
 def _angle_over_sine(squared_sine: Plane, cosine: Plane) -> Plane:
     """Returns θ / sin θ from sin² θ and cos θ: smooth on the axis; large, not infinite, at the antipode."""
-    near = (squared_sine < _NEAR) & (cosine > 0)
-    sine = jnp.sqrt(jnp.where(near, 1, jnp.maximum(squared_sine, jnp.finfo(squared_sine.dtype).tiny)))
-    series = polynomial(_ARCSINE, jnp.where(near, squared_sine, 0))
-    return jnp.where(near, series, jnp.arctan2(sine, cosine) / sine)
+    ahead = cosine > 0
+    # tan(θ/2) is sin θ / (1 + cos θ), and (1 − cos θ) / sin θ where the first would cancel.
+    above = 1 + jnp.abs(cosine)
+    below = jnp.where(ahead | ~_is_off_axis(squared_sine), 1, squared_sine)
+    squared = jnp.where(ahead, squared_sine / (above * above), above * above / below)
+    return 2 * _angle_over_tangent(squared) * jnp.where(ahead, 1 / above, above / below)
+
+
+def _is_off_axis(squared_sine: Plane) -> Bool[Array, "*batch"]:
+    """Tells whether a ray is so far from the axis that its direction from there has derivatives."""
+    return squared_sine > 4 * jnp.sqrt(jnp.finfo(squared_sine.dtype).tiny)
+
+
+def _angle_over_tangent(squared_tangent: Plane) -> Plane:
+    """Returns θ / tan θ from tan² θ, for θ up to a right angle: smooth on the axis, and vectorized, as `arctan` is not.
+
+    Angles are halved, tan(θ/2) = tan θ / (1 + √(1 + tan² θ)), until they are small.
+    """
+    scale = jnp.ones((), squared_tangent.dtype)
+    for _ in range(_HALVINGS):
+        inverse = 1 / (1 + jnp.sqrt(1 + squared_tangent))
+        scale, squared_tangent = 2 * inverse * scale, squared_tangent * inverse * inverse
+    terms = range(_ARCTANGENT[squared_tangent.dtype.itemsize])
+    return scale * polynomial(tuple((-1.0) ** n / (2 * n + 1) for n in terms), squared_tangent)
 
 
 def _sine_and_cosine(squared_angle: Plane) -> tuple[Plane, Plane]:
