@@ -11,7 +11,8 @@ POINTS = 1_000_000
 BATCH = 16
 
 # A barrel lens that is one-to-one in the picture: OpenCV's k1, k2, p1, p2, k3, the denominator's k4, k5, k6, the thin
-# prism's s1 to s4 and the sensor's tilts. Its unit is half the diagonal, Eq. 10's, so that the first two alone are the paper's lens. A corner moves by 109 px.
+# prism's s1 to s4 and the sensor's tilts. Its unit is half the diagonal, Eq. 10's, so that the first two alone are the
+# paper's lens. A corner moves by 109 px.
 BROWN_CONRADY = np.array([-0.2, 0.05, 1e-3, -5e-4, -0.01, 0.02, -0.01, 0.002, 1e-3, 2e-4, -5e-4, 1e-4, 0.01, -0.02])
 _FOCAL = float(np.hypot(SIZE / 2, SIZE / 2))
 CAMERA_MATRIX = np.array([[_FOCAL, 0, SIZE / 2], [0, _FOCAL, SIZE / 2], [0, 0, 1]])

@@ -3,12 +3,14 @@
 from typing import ClassVar
 
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Float, Int8
 
 from jaxlens.lenses._lens import RadialLens, as_center
 from jaxlens.lenses._powers import PowersLens, check_scale, first_root, smooth_root
+from jaxlens.lenses._quotient import Quotient
 from jaxlens.lenses._registry import register
-from jaxlens.numerics import as_parameters, jitted, polynomial
+from jaxlens.maps import inverse_status
+from jaxlens.numerics import as_parameters, epsilon, jitted, polynomial
 
 
 class _FourNumbers(RadialLens):
@@ -90,10 +92,6 @@ class BarrelInverse(_FourNumbers):
         """Returns Φ = 1 / (a r³ + b r² + c r + d)."""
         return 1 / polynomial(self.powers(), smooth_root(squared_radius))
 
-    def radius(self, radius: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
-        """Returns the observed radius of ideal radii."""
-        return radius / polynomial(self.powers(), radius)
-
     @jitted
     def fold_radius(self) -> Float[Array, ""]:
         """Returns the first r where d − b r² − 2 a r³, or the polynomial itself, turns negative; ∞ if neither does."""
@@ -109,5 +107,27 @@ class BarrelInverse(_FourNumbers):
         return jnp.where(folds, self.radius(jnp.where(folds, fold, 0)), limit)
 
     def _ends(self) -> tuple[Float[Array, ""], Float[Array, ""]]:
-        powers = self.powers()
-        return first_root(powers * jnp.asarray([1, 0, -1, -2], powers.dtype)), first_root(powers)
+        return _Series(self.powers()).fold_radius(), first_root(self.powers())
+
+    def _ideal_scale(self, squared: Float[Array, "*batch"]) -> tuple[Float[Array, "*batch"], Int8[Array, "*batch"]]:
+        finite = squared <= jnp.finfo(squared.dtype).max
+        squared = jnp.where(finite, squared, 0)
+        ratio, inside = _Series(self.powers() / self.d).ratio(squared * self.d**2, jnp.ones_like(squared))
+        scale = ratio * self.d
+        # A point beyond the edge goes to the fold on its own ray, or far away where there is none.
+        end = jnp.minimum(self.fold_radius(), 1 / epsilon(squared.dtype))
+        beyond = end / jnp.sqrt(jnp.where(inside, 1, squared))
+        return jnp.where(inside, scale, beyond), inverse_status(finite, inside, jnp.ones_like(inside))
+
+
+class _Series(Quotient):
+    powers: Float[Array, " terms"]
+
+    def depth(self, squared: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
+        return polynomial(self.powers, smooth_root(squared))
+
+    def fold_radius(self) -> Float[Array, ""]:
+        return first_root(self.powers * (1 - jnp.arange(self.powers.shape[0], dtype=self.powers.dtype)))
+
+    def limit(self) -> Float[Array, ""]:
+        return jnp.where(jnp.any(self.powers[2:] != 0), -jnp.inf, self.powers[1])

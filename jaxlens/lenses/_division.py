@@ -2,20 +2,16 @@
 
 from typing import ClassVar
 
-import jax
 import jax.numpy as jnp
-from jax import lax
 from jaxtyping import Array, ArrayLike, Bool, Float, Int8
 
 from jaxlens.lenses._lens import RadialLens, as_center
+from jaxlens.lenses._quotient import Quotient
 from jaxlens.lenses._registry import register
 from jaxlens.lenses._wide_lens import Plane, WideLens, unit
-from jaxlens.maps import Inverse, InverseStatus, inverse_status
-from jaxlens.newton import implicit_root
+from jaxlens.maps import Inverse, inverse_status
 from jaxlens.numerics import as_floating, epsilon, jitted, join, polynomial
 from jaxlens.polynomials import smallest_positive_root
-
-_POLISHING_STEPS = 2
 
 
 @register("Division", short="division")
@@ -156,12 +152,12 @@ class Division(RadialLens, WideLens):
 
     def _depth(self, squared: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
         """Returns 1 − k1 r² − k2 r⁴ − …, the z of the ray at squared observed radii."""
-        return 1 - squared * (polynomial(self.k, squared) if self.k.ndim else self.k)
+        return _Series(self.k).depth(squared) if self.k.ndim else 1 - squared * self.k
 
     def _observed_fold(self) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """Returns the observed radius at which the ray stops turning away from the axis, ∞ if none, and its z."""
         if self.k.ndim:
-            fold = _HalfAngle(self.k).fold_radius()
+            fold = _Series(self.k).fold_radius()
         else:
             folds = self.k < 0
             fold = jnp.where(folds, 1 / jnp.sqrt(jnp.where(folds, -self.k, 1)), jnp.inf)
@@ -175,8 +171,7 @@ class Division(RadialLens, WideLens):
             z: z.
         """
         if self.k.ndim:
-            ratio, seen = _solve(*lax.stop_gradient((self, squared, z)))
-            return implicit_root(_ray_residual, ratio, (self, squared, z)), seen
+            return _Series(self.k).ratio(squared, z)
         # r = 2 R / (z + √(z² + 4 k R²)), without cancellation for z < 0 as well.
         product = 4 * self.k * squared
         discriminant = z * z + product
@@ -189,51 +184,16 @@ class Division(RadialLens, WideLens):
         return jnp.where(behind, 2 * (root - z) / jnp.where(behind, product, 1), in_front), seen
 
 
-def _ray_residual(ratio: Plane, parameters: tuple[Division, Plane, Plane]) -> Plane:
-    lens, squared, z = parameters
-    return z * ratio - lens._depth(squared * ratio * ratio)
-
-
-def _solve(lens: Division, squared: Plane, z: Plane) -> tuple[Plane, Bool[Array, "*batch"]]:
-    """Does what `_observed_scale` does, without derivatives, for a lens of several terms."""
-    ahead = z + jnp.sqrt(z * z + squared)
-    some = ahead > 0
-    doubled = 2 / jnp.where(some, ahead, 1)
-    ratio, status = _HalfAngle(lens.k)._ideal_scale(squared * doubled * doubled)
-    seen = some & (status == InverseStatus.CONVERGED)
-    ratio = jnp.where(seen, ratio * doubled, 1)
-    # Far from the axis of a weak lens the half angle hardly changes with the radius; this equation is nearly linear.
-    for _ in range(_POLISHING_STEPS):
-        left, slope = jax.jvp(lambda ratio: _ray_residual(ratio, (lens, squared, z)), (ratio,), (jnp.ones_like(ratio),))
-        better = ratio - left / jnp.where(slope > 0, slope, 1)
-        ratio = jnp.where(jnp.abs(_ray_residual(better, (lens, squared, z))) < jnp.abs(left), better, ratio)
-    return ratio, seen
-
-
-class _HalfAngle(RadialLens):
-    """From the observed radius of a division lens to 2 tan(θ/2), θ the angle of its ray: finite past a right angle."""
-
+class _Series(Quotient):
     k: Float[Array, " terms"]
-    center: Float[Array, "2"]
 
-    def __init__(self, k: Float[Array, " terms"]):
-        self.k = k
-        self.center = as_center(None, k.dtype)
-
-    def factor(self, squared_radius: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
-        depth = 1 - squared_radius * polynomial(self.k, squared_radius)
-        length = jnp.sqrt(depth * depth + squared_radius)
-        ahead = depth > 0
-        in_front = 2 / jnp.where(ahead, depth + length, 1)
-        return jnp.where(ahead, in_front, 2 * (length - depth) / jnp.where(ahead, 1, squared_radius))
+    def depth(self, squared: Plane) -> Plane:
+        return 1 - squared * polynomial(self.k, squared)
 
     @jitted
     def fold_radius(self) -> Float[Array, ""]:
-        # Where r / (1 − k1 r² − k2 r⁴ − …) has slope zero, or beyond its pole again.
         odd = 2 * jnp.arange(1, self.k.shape[0] + 1, dtype=self.k.dtype) - 1
         return jnp.sqrt(smallest_positive_root(odd * self.k))
 
-    def edge_radius(self) -> Float[Array, ""]:
-        # Without a fold it reaches the antipode, but for k = 0, where it ends at a right angle.
-        bounded = jnp.where(jnp.any(self.k != 0), jnp.inf, 2 * (1 - 2 * epsilon(self.k.dtype)))
-        return jnp.where(jnp.isfinite(self.fold_radius()), super().edge_radius(), bounded)
+    def limit(self) -> Float[Array, ""]:
+        return jnp.where(jnp.any(self.k != 0), -jnp.inf, jnp.zeros((), self.k.dtype))

@@ -41,6 +41,8 @@ class ReversedLens(RadialLens):
         edge = lens.edge_radius()
         inside = squared <= edge * edge
         scale = lens.reverse().factor(jnp.where(inside, squared, 0))
+        finite &= squared * scale * scale < jnp.inf
+        scale = jnp.where(finite, scale, 1)
         # A point beyond the edge goes to the fold on its own ray.
         beyond = lens.fold_radius() / jnp.sqrt(jnp.where(inside, 1, squared))
         return jnp.where(inside, scale, beyond), inverse_status(finite, inside, jnp.ones_like(inside))

@@ -23,6 +23,7 @@ LENSES = {
     "RadialPolynomial": lambda: jl.RadialPolynomial([0.1, -0.02, 0.003], center=[0.01, -0.02]),
     "Division": lambda: jl.Division(0.25, center=[0.0, 0.1]),
     "BrownConrady": lambda: jl.BrownConrady([-0.28, 0.025, 0.0012, -0.0001, 0.16]),
+    "BrownConrady, tilted": lambda: jl.BrownConrady([-0.28, 0.025, 0.0012, -0.0001, 0.16, *[0.01] * 8, 0.05]),
 }
 
 
