@@ -43,7 +43,7 @@ class Frame(eqx.Module):
         return cls([width / 2, height / 2], (width**2 + height**2) ** 0.5 / 2)
 
     @classmethod
-    def from_camera_matrix(cls, camera_matrix: Float[ArrayLike, "3 3"]) -> "Frame":
+    def from_camera_matrix(cls, camera_matrix: Float[ArrayLike, "3 3"] | Sequence) -> "Frame":
         """Returns the frame of a camera matrix `[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]` without skew."""
         matrix = camera_matrix if isinstance(camera_matrix, jax.Array) else np.asarray(camera_matrix)
         if matrix.shape != (3, 3):

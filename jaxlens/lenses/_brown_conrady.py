@@ -108,20 +108,13 @@ class BrownConrady(Lens):
         """Returns the lens before a square sensor, and the tilt."""
         return BrownConrady(self.coefficients[:_UNTILTED]), TiltedSensor(self.coefficients[_UNTILTED:])
 
-    def _turned_quarter(self) -> "BrownConrady":
-        """Returns the lens of the picture turned by a quarter, counter-clockwise as by `np.rot90`: (x, y) → (y, −x).
-
-        Raises:
-            ValueError: a sensor tilted about both axes, or one whose tilt is not known yet (under `jax.jit`): turned,
-                its rotations would stand in the other order, which no lens of this kind has.
-        """
+    def _turned_quarter(self) -> Lens:
         k1, k2, p1, p2, *rest = self.coefficients
         radial, prism, tilt = rest[:4], rest[4:8], rest[8:]
         if tilt:
             if not is_concrete(tilt) or (tilt[0] != 0 and tilt[1] != 0):
-                raise ValueError(
-                    f"a lens with a sensor tilted about both axes cannot be turned by a quarter, got {self}"
-                )
+                # Turned, the sensor's rotations would stand in the other order, which no lens of this kind has.
+                return super()._turned_quarter()
             tilt = [tilt[1], -tilt[0]]
         if prism:
             s1, s2, s3, s4 = prism

@@ -48,6 +48,8 @@ class WideLens(Lens):
     @jitted
     def one_to_one(self, points: Float[ArrayLike, "*batch 2"]) -> Bool[Array, "*batch"]:
         """Tells whether the lens sees ideal points of the plane z = 1."""
+        if self.is_round:
+            return self._before_the_fold(points)
         return self.observe(_on_the_plane(points))[1]
 
     def nearest_fold(self) -> Float[Array, ""]:
@@ -56,9 +58,12 @@ class WideLens(Lens):
         ahead = angle < jnp.pi / 2
         return jnp.where(ahead, jnp.tan(jnp.where(ahead, angle, 0)), jnp.inf)
 
-    def surely_one_to_one(self, points: Float[Array, "*batch 2"]) -> Bool[Array, "*batch"]:
-        """Tells whether ideal points lie nearer to the axis than the nearest fold."""
-        x, y = split(points)
+    def surely_one_to_one(self, points: Float[Array, "*batch 2"]) -> Bool[Array, "*batch"] | None:
+        """Tells whether ideal points lie nearer to the axis than the nearest fold; of a round lens each is asked."""
+        return None if self.is_round else self._before_the_fold(points)
+
+    def _before_the_fold(self, points: ArrayLike) -> Bool[Array, "*batch"]:
+        x, y = split(as_points(points))
         return x * x + y * y <= lax.stop_gradient(self.nearest_fold()) ** 2
 
     @jitted

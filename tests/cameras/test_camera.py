@@ -77,6 +77,8 @@ class Slanted(jl.Lens):
 
 LENSES = {
     "brown": lambda: jl.BrownConrady([-0.2, 0.05, 0.01, -0.02, 0.01, 0.02, 0.01, 0.0]),
+    "tilted": lambda: jl.BrownConrady([-0.2, 0.05, 0.01, -0.02, 0, 0, 0, 0, 0.01, 0.02, -0.01, 0.03, 0.0, 0.05]),
+    "twice tilted": lambda: jl.BrownConrady([-0.2, 0.05, 0.01, -0.02, *[0.0] * 8, 0.04, 0.05]),
     "radial": lambda: jl.RadialPolynomial([-0.2, 0.03], center=[0.1, -0.05]),
     "fisheye": lambda: jl.KannalaBrandt([0.05, -0.01]),
     "unified": lambda: jl.UnifiedCamera(0.9, [-0.1, 0.02, 0.01, -0.02]),

@@ -371,19 +371,21 @@ def _turned(points):
 def test_turned_by_a_quarter_it_is_the_lens_of_the_turned_picture(x64, tilt):
     lens = jl.BrownConrady([*COEFFICIENTS[14][:12], *tilt])
     for _ in range(4):
-        turned = lens._turned_quarter()
+        turned = lens.turned(1)
         np.testing.assert_allclose(
             turned.distort(_turned(POINTS)), _turned(np.asarray(lens.distort(POINTS))), rtol=0, atol=1e-15
         )
         lens = turned
     np.testing.assert_array_equal(lens.coefficients, jnp.asarray([*COEFFICIENTS[14][:12], *tilt]))
-    assert jl.BrownConrady([1.0, 2.0, 3.0, 4.0])._turned_quarter().coefficients.tolist() == [1, 2, -4, 3]
+    assert jl.BrownConrady([1.0, 2.0, 3.0, 4.0]).turned(1).coefficients.tolist() == [1, 2, -4, 3]
 
 
-def test_a_sensor_tilted_about_both_axes_has_no_turned_lens():
-    for attempt in (lambda lens: lens._turned_quarter(), jax.jit(lambda lens: lens._turned_quarter())):
-        with pytest.raises(ValueError, match="tilted about both axes"):
-            attempt(jl.BrownConrady(COEFFICIENTS[14]))
+def test_a_sensor_tilted_about_both_axes_is_turned_by_a_lens_around_it(x64):
+    lens = jl.BrownConrady(COEFFICIENTS[14])
+    for turn in (lambda lens: lens.turned(1), jax.jit(lambda lens: lens.turned(1))):
+        found = turn(lens).distort(_turned(POINTS))
+        np.testing.assert_allclose(found, _turned(np.asarray(lens.distort(POINTS))), rtol=0, atol=1e-14)
+    assert type(lens.turned(4)) is jl.BrownConrady
 
 
 def _by_the_documentation(points, coefficients):
