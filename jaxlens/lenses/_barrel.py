@@ -63,8 +63,8 @@ class Barrel(_FourNumbers, PowersLens):
         center: The centre of distortion c in normalized coordinates; the frame's origin unless given.
 
     Example:
-        >>> import jaxlens as jl
-        >>> jl.Barrel(0.0, 0.5, 0.25).distort([0.5, 0.0]).tolist()
+        >>> import jaxlens as jl, numpy as np
+        >>> jl.Barrel(0.0, 0.5, 0.25).distort(np.array([0.5, 0.0])).tolist()
         [0.25, 0.0]
     """
 
@@ -83,8 +83,8 @@ class BarrelInverse(_FourNumbers):
         center: The centre of distortion c in normalized coordinates; the frame's origin unless given.
 
     Example:
-        >>> import jaxlens as jl
-        >>> jl.BarrelInverse(0.0, 0.5, 0.25).distort([0.5, 0.0]).tolist()
+        >>> import jaxlens as jl, numpy as np
+        >>> jl.BarrelInverse(0.0, 0.5, 0.25).distort(np.array([0.5, 0.0])).tolist()
         [1.0, 0.0]
     """
 

@@ -32,7 +32,7 @@ class Division(RadialLens, WideLens):
         >>> import jax.numpy as jnp, jaxlens as jl
         >>> jl.Division(0.75).undistort(jnp.array([1.0, 0.0])).tolist()
         [4.0, 0.0]
-        >>> jl.Division(2.0).unproject(jnp.array([1.0, 0.0])).round(4).tolist()
+        >>> [round(float(x), 4) for x in jl.Division(2.0).unproject(jnp.array([1.0, 0.0]))]
         [0.7071, 0.0, -0.7071]
     """
 

@@ -24,8 +24,8 @@ class DoubleSphere(Projection):
     Example:
         >>> import jaxlens as jl, numpy as np
         >>> lens = jl.DoubleSphere(-0.2, 0.6)
-        >>> np.round(lens.unproject(lens.project(np.array([0.8, 0.0, -0.6]))), 6).tolist()
-        [0.8, 0.0, -0.6]
+        >>> [round(float(x), 6) for x in lens.unproject(lens.project(np.array([0.96, 0.0, -0.28])))]
+        [0.96, 0.0, -0.28]
     """
 
     xi: Float[Array, ""]

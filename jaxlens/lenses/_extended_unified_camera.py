@@ -24,7 +24,7 @@ class ExtendedUnifiedCamera(Projection):
     Example:
         >>> import jaxlens as jl, numpy as np
         >>> lens = jl.ExtendedUnifiedCamera(0.6, 1.1)
-        >>> np.round(lens.unproject(lens.project(np.array([0.8, 0.0, -0.6]))), 6).tolist()
+        >>> [round(float(x), 6) for x in lens.unproject(lens.project(np.array([0.8, 0.0, -0.6])))]
         [0.8, 0.0, -0.6]
     """
 

@@ -28,8 +28,8 @@ class FieldOfView(RadialLens):
         center: The centre of distortion c in normalized coordinates; the frame's origin unless given.
 
     Example:
-        >>> import jaxlens as jl
-        >>> [round(float(x), 4) for x in jl.FieldOfView(1.0).undistort([0.5, 0.0])]
+        >>> import jaxlens as jl, numpy as np
+        >>> [round(float(x), 4) for x in jl.FieldOfView(1.0).undistort(np.array([0.5, 0.0]))]
         [0.5, 0.0]
     """
 

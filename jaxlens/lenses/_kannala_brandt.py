@@ -25,7 +25,7 @@ class KannalaBrandt(AngularLens):
         >>> import jaxlens as jl, numpy as np
         >>> lens = jl.KannalaBrandt([0.05, -0.01, 0.002, -0.0005])
         >>> ray = lens.unproject(lens.project(np.array([3.0, 0.0, -1.0])))
-        >>> np.round(ray * np.sqrt(10.0), 5).tolist()
+        >>> [round(float(x), 5) for x in ray * np.sqrt(10.0)]
         [3.0, 0.0, -1.0]
     """
 

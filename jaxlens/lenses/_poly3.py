@@ -23,8 +23,8 @@ class Poly3(RadialLens):
         center: The centre of distortion c in normalized coordinates; the frame's origin unless given.
 
     Example:
-        >>> import jaxlens as jl
-        >>> jl.Poly3(0.5).distort([0.5, 0.0]).tolist()
+        >>> import jaxlens as jl, numpy as np
+        >>> jl.Poly3(0.5).distort(np.array([0.5, 0.0])).tolist()
         [0.3125, 0.0]
     """
 

@@ -23,8 +23,8 @@ class Poly5(RadialLens):
         center: The centre of distortion c in normalized coordinates; the frame's origin unless given.
 
     Example:
-        >>> import jaxlens as jl
-        >>> jl.Poly5(0.5, 1.0).distort([0.5, 0.0]).tolist()
+        >>> import jaxlens as jl, numpy as np
+        >>> jl.Poly5(0.5, 1.0).distort(np.array([0.5, 0.0])).tolist()
         [0.59375, 0.0]
     """
 

@@ -25,7 +25,7 @@ class _Plain(Projection):
     largest_angle: ClassVar[float] = np.pi
 
     @classmethod
-    def identity(cls, *, terms: int | None = None):
+    def identity(cls, *, terms: int | None = None) -> "_Plain":
         """Returns the projection: there is nothing to fit in it."""
         if terms is not None:
             cls.count_terms(terms)

@@ -28,8 +28,8 @@ class PtLens(PowersLens):
         center: The centre of distortion c in normalized coordinates; the frame's origin unless given.
 
     Example:
-        >>> import jaxlens as jl
-        >>> jl.PtLens(0.0, 0.5, 0.25).distort([0.5, 0.0]).tolist()
+        >>> import jaxlens as jl, numpy as np
+        >>> jl.PtLens(0.0, 0.5, 0.25).distort(np.array([0.5, 0.0])).tolist()
         [0.25, 0.0]
     """
 

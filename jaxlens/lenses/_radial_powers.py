@@ -48,8 +48,8 @@ class RadialPowers(_Coefficients, PowersLens):
         center: The centre of distortion c in normalized coordinates; the frame's origin unless given.
 
     Example:
-        >>> import jaxlens as jl
-        >>> jl.RadialPowers([1.0, 0.5, 0.5]).distort([1.0, 0.0]).tolist()
+        >>> import jaxlens as jl, numpy as np
+        >>> jl.RadialPowers([1.0, 0.5, 0.5]).distort(np.array([1.0, 0.0])).tolist()
         [2.0, 0.0]
     """
 
@@ -70,8 +70,8 @@ class RadialPowersInverse(_Coefficients, ReversedLens):
         center: The centre of distortion c in normalized coordinates; the frame's origin unless given.
 
     Example:
-        >>> import jaxlens as jl
-        >>> jl.RadialPowersInverse([1.0, 0.5, 0.5]).undistort([1.0, 0.0]).tolist()
+        >>> import jaxlens as jl, numpy as np
+        >>> jl.RadialPowersInverse([1.0, 0.5, 0.5]).undistort(np.array([1.0, 0.0])).tolist()
         [2.0, 0.0]
     """
 

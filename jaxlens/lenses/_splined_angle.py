@@ -25,7 +25,7 @@ class SplinedAngle(AngularLens):
         >>> import jaxlens as jl, numpy as np
         >>> lens = jl.SplinedAngle([0.8, 1.6], [0.8, 1.4])
         >>> ray = lens.unproject(lens.project(np.array([3.0, 0.0, -1.0])))
-        >>> np.round(ray * np.sqrt(10.0), 5).tolist()
+        >>> [round(float(x), 5) for x in ray * np.sqrt(10.0)]
         [3.0, 0.0, -1.0]
     """
 

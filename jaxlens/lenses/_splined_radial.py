@@ -27,8 +27,8 @@ class SplinedRadial(RadialLens):
         center: The centre of distortion c in normalized coordinates; the frame's origin unless given.
 
     Example:
-        >>> import jaxlens as jl
-        >>> jl.SplinedRadial([0.5, 1.0], [0.5, 0.75]).distort([1.0, 0.0]).tolist()
+        >>> import jaxlens as jl, numpy as np
+        >>> [round(float(x), 4) for x in jl.SplinedRadial([0.5, 1.0], [0.5, 0.75]).distort(np.array([1.0, 0.0]))]
         [0.75, 0.0]
     """
 

@@ -59,7 +59,7 @@ class UnifiedCamera(DistortedProjection):
     Example:
         >>> import jaxlens as jl, numpy as np
         >>> lens = jl.UnifiedCamera(0.9, [-0.05, 0.01, 0.0, 0.001])
-        >>> np.round(lens.unproject(lens.project(np.array([0.8, 0.0, -0.6]))), 5).tolist()
+        >>> [round(float(x), 5) for x in lens.unproject(lens.project(np.array([0.8, 0.0, -0.6])))]
         [0.8, 0.0, -0.6]
     """
 
@@ -67,7 +67,7 @@ class UnifiedCamera(DistortedProjection):
     coefficients: Float[Array, " terms"]
     term_counts: ClassVar[tuple[int, ...]] = (4, 0, 5)
 
-    def __init__(self, xi: ArrayLike, coefficients: ArrayLike | list | tuple = ()):
+    def __init__(self, xi: ArrayLike, coefficients: ArrayLike | list | tuple):
         self.xi = as_parameter(xi, "xi")
         self.coefficients = as_coefficients(coefficients, "UnifiedCamera", "k1, k2, p1, p2 as its coefficients")
         if self.coefficients.shape[0]:

@@ -39,7 +39,7 @@ def extended_unified(alpha, beta):
 
 
 def unified(xi):
-    return lambda: jl.UnifiedCamera(xi), lambda t: np.sin(t) / (np.cos(t) + xi)
+    return lambda: jl.UnifiedCamera(xi, []), lambda t: np.sin(t) / (np.cos(t) + xi)
 
 
 FAMILIES = [
