@@ -206,7 +206,7 @@ def _angle_over_sine(squared_sine: Plane, cosine: Plane) -> Plane:
     """Returns θ / sin θ from sin² θ and cos θ: smooth on the axis; large, not infinite, at the antipode."""
     ahead = cosine > 0
     # tan(θ/2) is sin θ / (1 + cos θ), and (1 − cos θ) / sin θ where the first would cancel.
-    above = 1 + jnp.abs(cosine)
+    above = 1 + jnp.where(ahead, cosine, -cosine)
     below = jnp.where(ahead | ~_is_off_axis(squared_sine), 1, squared_sine)
     squared = jnp.where(ahead, squared_sine / (above * above), above * above / below)
     return 2 * _angle_over_tangent(squared) * jnp.where(ahead, 1 / above, above / below)
