@@ -36,9 +36,11 @@ from .lenses import RadialLens as RadialLens
 from .lenses import RadialPolynomial as RadialPolynomial
 from .lenses import RadialPowers as RadialPowers
 from .lenses import RadialPowersInverse as RadialPowersInverse
+from .lenses import RadTanThinPrismFisheye as RadTanThinPrismFisheye
 from .lenses import SplinedAngle as SplinedAngle
 from .lenses import SplinedRadial as SplinedRadial
 from .lenses import Stereographic as Stereographic
+from .lenses import ThinPrismFisheye as ThinPrismFisheye
 from .lenses import UnifiedCamera as UnifiedCamera
 from .maps import Chain as Chain
 from .maps import CoordinateMap as CoordinateMap

@@ -86,6 +86,9 @@ EXAMPLES = {
     "RadialPolynomial": polynomial,
     "RadialPowers": lambda strength, dtype: jl.RadialPowers(np.asarray([1, strength / 5, -strength], dtype)),
     "RadialPowersInverse": lambda strength, dtype: jl.RadialPowersInverse(np.asarray([1, 0, strength], dtype)),
+    "RadTanThinPrismFisheye": lambda strength, dtype: jl.RadTanThinPrismFisheye(
+        np.asarray([-strength, strength / 4, 0, 0, 0, 0, *[strength / 50] * 6], dtype)
+    ),
     "SplinedAngle": lambda strength, dtype: jl.SplinedAngle(
         np.asarray([0.4, 0.8], dtype), np.asarray([0.4, 0.8 - strength / 4], dtype)
     ),
@@ -93,6 +96,9 @@ EXAMPLES = {
         np.asarray([0.4, 0.8], dtype), np.asarray([0.4, 0.8 - strength / 4], dtype)
     ),
     "Stereographic": lambda strength, dtype: jl.Stereographic(),
+    "ThinPrismFisheye": lambda strength, dtype: jl.ThinPrismFisheye(
+        np.asarray([-strength, strength / 4, *[strength / 50] * 6], dtype)
+    ),
     "UnifiedCamera": lambda strength, dtype: jl.UnifiedCamera(
         np.asarray(1 + strength, dtype), np.asarray([-strength, strength / 4, strength / 50, strength / 70], dtype)
     ),

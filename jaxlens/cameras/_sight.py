@@ -58,7 +58,7 @@ def as_rotation(rotation: Any) -> Float[Array, "3 3"] | None:
 
 def rotate(matrix: Float[Array, "*#batch 3 3"], rays: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
     """Returns rays turned by a matrix: on planes, which fuses."""
-    x, y, z = jnp.moveaxis(rays, -1, 0)
+    x, y, z = split(rays)
     return join(*(matrix[..., i, 0] * x + matrix[..., i, 1] * y + matrix[..., i, 2] * z for i in range(3)))
 
 

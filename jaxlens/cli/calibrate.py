@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Optional
 from tyro.conf import Positional, arg
 
 from jaxlens.cli import options
-from jaxlens.cli.estimation import FitArguments, check_fit_arguments, deliver, fitting, model_lens
+from jaxlens.cli.estimation import (
+    FitArguments,
+    check_fit_arguments,
+    deliver,
+    fitting,
+    model_lens,
+    start_calibration,
+)
 from jaxlens.cli.inputs import check_file, gray_values, list_files, read_picture
 from jaxlens.cli.messages import CommandError, UsageError, say
 
@@ -24,17 +31,25 @@ What it does:
   pip install 'jaxlens[calibrate]'), or reads them from a CSV file with the
   columns view, corner, board_x, board_y, x, y. Pictures in which no board is
   found are named and left out; so are those that cannot be read, and then the
-  exit code is 1. --board counts inner corners.
+  exit code is 1. --board counts inner corners. A view need not show them all:
+  leave their rows out of the table. Corners that lie far from where the others
+  say are named, and so is how well the camera is known in the picture.
 
 Examples:
   jaxlens calibrate photos/ --board 9x6 --output camera.json
   jaxlens calibrate photos/*.jpg --board 9x6 --square 25 --output camera.json
-  jaxlens calibrate --corners corners.csv --image-size 640x480 --plots fit/"""
+  jaxlens calibrate --corners corners.csv --image-size 640x480 --plots fit/
+  jaxlens calibrate photos/ --board 9x6 --start camera.json --fix cx cy k3"""
 
 
 # Half the window in which a corner is refined, and when that ends.
 _WINDOW = (5, 5)
 _STEPS, _SMALLEST = 30, 1e-3
+# Corners without which a view has no pose.
+_FEWEST = 4
+# Medians of the residuals beyond which a corner is named (by normal noise, one corner in 2²⁵ is so far off), and how
+# many are named.
+_FAR, _NAMED = 5, 10
 
 
 @dataclass(frozen=True)
@@ -62,6 +77,12 @@ class Arguments(FitArguments):
     image_size: Annotated[Optional[str], arg(metavar="WIDTHxHEIGHT", help_behavior_hint="")] = None
     """The pictures' size in pixels, with --corners."""
 
+    fix: Annotated[options.Names, options.words(options.Names, "NAME..."), arg(help_behavior_hint="")] = field(
+        default_factory=options.Names
+    )
+    """Parameters that are not fitted, such as cx cy k3. They keep their value in --start; without it, cx and cy are in
+    the middle, and coefficients zero."""
+
     max_pixels: options.MaxPixels = None
 
 
@@ -71,18 +92,27 @@ def run(arguments: Arguments) -> int:
     options.check_max_pixels(arguments.max_pixels)
     if bool(arguments.files) == (arguments.corners is not None):
         raise UsageError("pass pictures of the board, with --board, or --corners FILE.csv, with --image-size")
-    found = _from_table(arguments) if arguments.corners is not None else _from_pictures(arguments)
+    _check_fixed(arguments)
+    found = _enough(_from_table(arguments) if arguments.corners is not None else _from_pictures(arguments))
     names, views, size = found.names, found.views, found.size
+    matrix = _start_matrix(arguments, size)
+    import numpy as np
+
     from jaxlens.fitting import Boards, calibrate
 
     with fitting():
         boards = Boards.from_views(views)
-        fit = calibrate(model_lens(arguments), boards, size, loss=arguments.loss)
+        fit = calibrate(
+            model_lens(arguments),
+            boards,
+            size,
+            camera_matrix=matrix,
+            fixed=arguments.fix,
+            loss=arguments.loss,
+        )
         figures = None
         if arguments.plots is not None:
-            import numpy as np
-
-            from jaxlens.figures.fits import curve_figure, residual_figure, views_figure
+            from jaxlens.figures.fits import curve_figure, residual_figure, uncertainty_figure, views_figure
 
             assert fit.frame is not None
             assert fit.per_view_rms is not None
@@ -92,9 +122,49 @@ def run(arguments: Arguments) -> int:
                 "residuals": residual_figure(observed, np.asarray(fit.residuals)[seen], fit, "pixels"),
                 "views": views_figure(names, np.asarray(fit.per_view_rms)),
                 "curve": curve_figure(fit, np.asarray(fit.lens.invert(fit.frame.normalize(observed)).points), "pixels"),
+                "uncertainty": uncertainty_figure(fit, observed),
             }
-        deliver(arguments, fit, size, figures)
+        deliver(arguments, fit, size, figures, notes=_outliers(found, np.asarray(fit.residuals)))
     return 1 if found.unread else 0
+
+
+def _check_fixed(arguments: Arguments) -> None:
+    """Refuses to hold what the camera does not have, or what nobody has said.
+
+    Raises:
+        UsageError: --fix names no parameter, or one that --start does not give.
+    """
+    from jaxlens.fitting import calibrated_parameters
+
+    known = calibrated_parameters(model_lens(arguments))
+    calibration = start_calibration(arguments)
+    guessed = () if calibration is not None and calibration.center is not None else ("fx", "fy")
+    for name in arguments.fix:
+        if name not in known:
+            raise UsageError(f"--fix {name}: the parameters are {', '.join(known)}")
+        if name in guessed:
+            raise UsageError(f"--fix {name} would hold a first guess; pass --start LENS.json, a camera that has it")
+
+
+def _start_matrix(arguments: Arguments, size: tuple[int, int]) -> "np.ndarray | None":
+    """The camera matrix of --start; None if it has none.
+
+    Raises:
+        UsageError: the camera is for pictures of another shape.
+    """
+    calibration = start_calibration(arguments)
+    if calibration is None or calibration.center is None:
+        return None
+    import jax
+    import numpy as np
+
+    from jaxlens.calibrations import CalibrationError
+
+    try:
+        with jax.enable_x64(True):
+            return np.asarray(calibration.frame(size[1], size[0]).camera_matrix())
+    except CalibrationError as error:
+        raise UsageError(f"--start {str(arguments.start)!r}: {error}") from error
 
 
 @dataclass(frozen=True)
@@ -156,7 +226,7 @@ def _from_pictures(arguments: Arguments) -> _Found:
             continue
         here = (picture.pixels.shape[1], picture.pixels.shape[0])
         if size is not None and here != size:
-            raise CommandError(
+            raise UsageError(
                 f"{str(path)!r} is {here[0]} × {here[1]}, and {str(first)!r} {size[0]} × {size[1]}: one "
                 "camera takes pictures of one size; calibrate them apart"
             )
@@ -172,6 +242,41 @@ def _from_pictures(arguments: Arguments) -> _Found:
     if not views:
         raise CommandError(f"none of the {len(files)} pictures shows a board; is --board {arguments.board} right?")
     return _Found(names, views, size, unread)
+
+
+def _enough(found: _Found) -> _Found:
+    """Leaves out, by name, views with too few corners to tell where the board was.
+
+    Raises:
+        CommandError: no view has enough.
+    """
+    kept = []
+    for name, view in zip(found.names, found.views, strict=True):
+        if len(view[0]) < _FEWEST:
+            say(f"view {name!r} has {len(view[0])} corners, and a pose takes {_FEWEST} at least: left out")
+        else:
+            kept.append((name, view))
+    if not kept:
+        raise CommandError(f"no view has {_FEWEST} corners or more, which a pose takes")
+    names, views = zip(*kept, strict=True)
+    return _Found(list(names), list(views), found.size, found.unread)
+
+
+def _outliers(found: _Found, residuals: "np.ndarray") -> list[str]:
+    """Sentences that name the corners which lie far from where the others say, the farthest first."""
+    import numpy as np
+
+    lengths = np.concatenate([np.hypot(*residuals[i, : len(view[0])].T) for i, view in enumerate(found.views)])
+    places = [(i, corner) for i, view in enumerate(found.views) for corner in range(len(view[0]))]
+    far = np.flatnonzero(lengths > _FAR * np.median(lengths))
+    if not far.size:
+        return []
+    notes = [f"{far.size} of {lengths.size} corners lie more than {_FAR} times the median residual off:"]
+    for index in far[np.argsort(-lengths[far])][:_NAMED]:
+        view, corner = places[index]
+        x, y = found.views[view][0][corner]
+        notes.append(f"  view {found.names[view]!r}, corner ({x:g}, {y:g}) of the board: {lengths[index]:.3g} px")
+    return notes + ([f"  and {far.size - _NAMED} more"] if far.size > _NAMED else [])
 
 
 def _find_corners(picture: "Picture", board: tuple[int, int]) -> "np.ndarray | None":

@@ -11,13 +11,15 @@ from typing import TYPE_CHECKING, Annotated, Literal, Optional
 from tyro.conf import arg
 
 from jaxlens.cli import options
-from jaxlens.cli.lenses import check_saved, starting_lens
+from jaxlens.cli.inputs import check_file
+from jaxlens.cli.lenses import check_saved, choose_lens, coefficients, starting_lens
 from jaxlens.cli.messages import CommandError, UsageError, in_options, say
 from jaxlens.cli.outputs import check_new_file, make_folder, write_calibration, write_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from jaxlens.calibrations import Calibration
     from jaxlens.fitting import Fit
     from jaxlens.frames import Frame
     from jaxlens.lenses import Lens
@@ -40,11 +42,11 @@ class FitArguments:
     """How many coefficients the lens has."""
 
     start: Annotated[
-        Optional[options.Numbers],
-        options.numbers("K1 [K2 ...]", largest=1e6),
+        Optional[options.Numbers | Path],
+        options.numbers_or_file("K1 [K2 ...]|LENS.json", largest=1e6),
         arg(help_behavior_hint="(default: zeros, or what a search finds)"),
     ] = None
-    """The coefficients from which the fit starts; those left out are zero."""
+    """The coefficients from which the fit starts; those left out are zero. Or a calibration with a lens of --model."""
 
     loss: Loss = "linear"
     """How residuals count; huber and cauchy are for data some of which are wrong."""
@@ -99,9 +101,26 @@ def model_lens(arguments: FitArguments) -> "Lens":
     """Returns the lens to start from: that of --start, or the one without distortion.
 
     Raises:
-        UsageError: as `jaxlens.cli.lenses.starting_lens`.
+        UsageError: as `jaxlens.cli.lenses.starting_lens`, or --start is a file that holds no lens of --model.
     """
-    return starting_lens(arguments.model, arguments.terms, arguments.start or ())
+    calibration = start_calibration(arguments)
+    if calibration is None:
+        assert not isinstance(arguments.start, Path)
+        return starting_lens(arguments.model, arguments.terms, arguments.start or ())
+    lens = calibration.lens()
+    return lens if arguments.terms is None else starting_lens(arguments.model, arguments.terms, coefficients(lens))
+
+
+def start_calibration(arguments: FitArguments) -> "Calibration | None":
+    """Returns the calibration that --start names; None if it names none.
+
+    Raises:
+        UsageError: there is no such file, or it holds no lens of --model.
+    """
+    if not isinstance(arguments.start, Path):
+        return None
+    check_file(arguments.start)
+    return choose_lens(None, arguments.start, arguments.model).calibration
 
 
 @contextlib.contextmanager
@@ -127,14 +146,18 @@ def fitting() -> Iterator[None]:
 
 
 def deliver(
-    arguments: FitArguments, fit: "Fit", image_size: tuple[int, int] | None, figures: "dict[str, Figure] | None" = None
+    arguments: FitArguments,
+    fit: "Fit",
+    image_size: tuple[int, int] | None,
+    figures: "dict[str, Figure] | None" = None,
+    notes: Sequence[str] = (),
 ) -> None:
-    """Prints the summary, writes the calibration and the figures.
+    """Prints the summary and further notes, writes the calibration and the figures.
 
     Raises:
         CommandError: something cannot be written.
     """
-    print(fit.summary())  # noqa: T201
+    print("\n".join([fit.summary(), *notes]))  # noqa: T201
     if arguments.output is not None:
         from jaxlens.calibrations import Calibration, CalibrationError
 

@@ -147,6 +147,15 @@ def starting_lens(model: str, terms: int | None, start: tuple[float, ...]) -> "L
     return eqx.combine(made_of(values.at[: len(start)].set(start)), rest)
 
 
+def coefficients(lens: "Lens") -> tuple[float, ...]:
+    """Returns the numbers of a lens that --start sets, in their order."""
+    import equinox as eqx
+    import numpy as np
+    from jax.flatten_util import ravel_pytree
+
+    return tuple(np.asarray(ravel_pytree(eqx.filter(lens, lens.adjustable()))[0], float).tolist())
+
+
 def check_saved(model: str) -> None:
     """Refuses to save a lens that files have no name for, before it is fitted.
 

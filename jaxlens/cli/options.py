@@ -52,6 +52,25 @@ def numbers(
     )
 
 
+def numbers_or_file(metavar: str, *, largest: float = _LARGEST) -> PrimitiveConstructorSpec[Any]:
+    """Returns how to read an option that takes numbers as `numbers` does, or one file; what is no number is a file."""
+
+    def read(given: list[str]) -> Numbers | Path:
+        if len(given) == 1 and given[0] and not _looks_like_numbers(given[0]):
+            return Path(given[0])
+        return _read_numbers(given, count=None, largest=largest, nan=False)
+
+    return PrimitiveConstructorSpec(
+        nargs="*",
+        metavar=metavar,
+        instance_from_str=read,
+        is_instance=lambda value: isinstance(value, Numbers | Path),
+        str_from_instance=lambda value: (
+            [str(value)] if isinstance(value, Path) else [f"{one:g}" for one in value or ()]
+        ),
+    )
+
+
 def words(kind: type[Paths] | type[Names], metavar: str) -> PrimitiveConstructorSpec[Any]:
     """Returns how to read one or more paths or names; whether there is anything there is for the command to see."""
 
@@ -69,6 +88,13 @@ def words(kind: type[Paths] | type[Names], metavar: str) -> PrimitiveConstructor
         is_instance=lambda value: isinstance(value, kind),
         str_from_instance=lambda value: [str(one) for one in value],
     )
+
+
+def _looks_like_numbers(word: str) -> bool:
+    try:
+        return bool([float(part) for part in word.split(",")])
+    except ValueError:
+        return False
 
 
 def _read_numbers(words: list[str], *, count: int | None, largest: float, nan: bool) -> Numbers:

@@ -8,6 +8,7 @@ from .distances import measure_distances as measure_distances
 from .distances import show_box as show_box
 from .fits import curve_figure as curve_figure
 from .fits import residual_figure as residual_figure
+from .fits import uncertainty_figure as uncertainty_figure
 from .fits import views_figure as views_figure
 from .palette import BLACK as BLACK
 from .palette import BLUE as BLUE

@@ -19,6 +19,8 @@ _MOST = 2000
 _NORMAL_95 = 1.96
 # The longest arrow is about so long, as a share of the picture's longer side.
 _ARROW = 0.08
+# Points along the longer side of a map.
+_MAP = 96
 
 
 def residual_figure(points: np.ndarray, residuals: np.ndarray, fit: Fit, unit: str) -> Figure:
@@ -148,6 +150,38 @@ def views_figure(names: Sequence[str], rms: np.ndarray) -> Figure:
         axes.grid(axis="x")
         axes.set_axisbelow(True)
         axes.legend(loc="upper left", bbox_to_anchor=(1, 1))
+        return figure
+
+
+def uncertainty_figure(fit: Fit, observed: np.ndarray) -> Figure:
+    """Draws how well a calibrated camera is known over its picture, and where corners were seen.
+
+    Args:
+        fit: As `calibrate` returns it.
+        observed: `(N, 2)` the corners in pixels.
+    """
+    with style():
+        width, height = (float(length) for length in np.asarray(fit.image_size))
+        long = max(width, height)
+        x, y = (np.linspace(0, side - 1, max(2, round(_MAP * side / long))) for side in (width, height))
+        known = np.asarray(fit.projection_uncertainty(np.stack(np.meshgrid(x, y), axis=-1)))
+        figure = new_figure(WIDTH, WIDTH * 0.8 * height / width + 0.6)
+        axes = figure.subplots()
+        shown = axes.imshow(
+            np.ma.masked_invalid(known), cmap="viridis", extent=(0, width - 1, height - 1, 0), interpolation="nearest"
+        )
+        if np.isfinite(known).sum() > 3:
+            lines = axes.contour(x, y, np.ma.masked_invalid(known), colors="white", linewidths=0.8)
+            axes.clabel(lines, fmt="%.2g", fontsize=8)
+        axes.plot(*observed[_sample(len(observed))].T, ".", color="white", markersize=1.5, alpha=0.6)
+        axes.set_title("one standard deviation of where a ray is seen; dots are corners", loc="left")
+        axes.set_xlim(0, width - 1)
+        axes.set_ylim(height - 1, 0)
+        axes.set_xlabel("x [pixels]")
+        axes.set_ylabel("y [pixels]")
+        bar = figure.colorbar(shown, ax=axes, shrink=0.85, pad=0.02)
+        bar.set_label("pixels")
+        bar.outline.set_visible(False)  # pyright: ignore[reportCallIssue]
         return figure
 
 

@@ -3,6 +3,7 @@
 from jaxlens.fitting._boards import Boards as Boards
 from jaxlens.fitting._boards import Validation as Validation
 from jaxlens.fitting._boards import calibrate as calibrate
+from jaxlens.fitting._boards import calibrated_parameters as calibrated_parameters
 from jaxlens.fitting._boards import validate as validate
 from jaxlens.fitting._conversion import Conversion as Conversion
 from jaxlens.fitting._conversion import convert as convert

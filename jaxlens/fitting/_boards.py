@@ -22,20 +22,29 @@ from jaxlens.fitting._arguments import (
     common_dtype,
     is_concrete,
 )
-from jaxlens.fitting._homographies import focal_lengths, poses_from_homographies
+from jaxlens.fitting._board_starts import (
+    equidistant_start,
+    focal_lengths,
+    poses_from_homographies,
+    poses_from_rays,
+)
 from jaxlens.fitting._parameters import Choice, Selection, choose, free_mask, in_dtype, without
 from jaxlens.fitting._poses import Poses
-from jaxlens.fitting._problem import Problem, assess, minimize, report
-from jaxlens.fitting._result import IDENTIFIED, Fit, FitStatus, checked
+from jaxlens.fitting._problem import Knowledge, Minimum, Problem, assess, minimize, report
+from jaxlens.fitting._result import Fit, FitStatus, checked
 from jaxlens.fitting._robust import Loss
 from jaxlens.fitting._solver import Unknowns
+from jaxlens.fitting._uncertainty import best_rotation, covariance_of_pixels, frame_of, model_of, root_of, seen_at
 from jaxlens.frames import Frame
-from jaxlens.lenses import Lens
+from jaxlens.lenses import Lens, WideLens
 from jaxlens.numerics import as_floating, as_points
 
 # Corners without which a view has no homography, and the numbers of a pose.
 _CORNERS, _POSE = 4, 6
 _CAMERA = ("fx", "fy", "cx", "cy")
+# Projections that are known no better than to this share of the picture's diagonal are not known; and corners of a view
+# at which that is asked.
+_USELESS, _CORNERS_A_VIEW = 0.01, 16
 # Sine of the angle that two boards must make to be called not parallel.
 _PARALLEL = 0.035
 
@@ -121,8 +130,7 @@ class _Boards(Problem):
 
     def residuals(self, unknowns: Unknowns) -> Float[Array, "views corners 2"]:
         model = self.selection.insert(unknowns.shared)
-        ideal = _poses(unknowns.blocks).project(self.boards.points)
-        predicted = _frame(model).denormalize(model["lens"].distort(ideal))
+        predicted = seen_at(model["lens"], frame_of(model), _poses(unknowns.blocks).place(self.boards.points))
         return jnp.where((self.weights > 0)[..., None], self.boards.observed - predicted, 0)
 
 
@@ -176,9 +184,7 @@ def calibrate(
     boards = boards if isinstance(boards, Boards) else Boards.from_views(boards)
     width, height = image_size
     views = boards.observed.shape[0]
-    model = {"camera": {"focal_length": np.zeros(2), "principal_point": np.zeros(2)}, "lens": lens}
-    mask = {"camera": {"focal_length": True, "principal_point": True}, "lens": free_mask(lens, free, center=False)}
-    choice = without(choose(model, mask), fixed)
+    choice = without(_choice(lens, free), fixed)
     _check_views(boards, choice, views)
     check_count(2, boards.weights, choice.names, "corners", _POSE * views)
     dtype = common_dtype(lens, boards)
@@ -197,12 +203,36 @@ def calibrate(
     return checked(fit, throw)
 
 
+def calibrated_parameters(lens: Lens, *, free: PyTree | None = None) -> tuple[str, ...]:
+    """Returns the names of what `calibrate` fits: those that `fixed` and `bounds` take, in the order of `Fit.names`.
+
+    Args:
+        lens: The model.
+        free: As of `calibrate`.
+
+    Raises:
+        ValueError: `free` does not fit the lens.
+
+    Example:
+        >>> import jaxlens as jl
+        >>> jl.fitting.calibrated_parameters(jl.BrownConrady([0.0] * 4))
+        ('fx', 'fy', 'cx', 'cy', 'k1', 'k2', 'p1', 'p2')
+    """
+    return _choice(lens, free).names
+
+
+def _choice(lens: Lens, free: PyTree | None) -> Choice:
+    model = {"camera": {"focal_length": np.zeros(2), "principal_point": np.zeros(2)}, "lens": lens}
+    mask = {"camera": {"focal_length": True, "principal_point": True}, "lens": free_mask(lens, free, center=False)}
+    return choose(model, mask)
+
+
 @partial(jax.jit, static_argnames=("choice", "loss", "max_steps", "solver"))
 def _fit(choice: Choice, lens, boards, size, camera_matrix, bounds, loss_scale, *, loss, max_steps, solver) -> Fit:
     dtype = size.dtype
     lens, boards, camera_matrix, bounds, loss_scale = in_dtype((lens, boards, camera_matrix, bounds, loss_scale), dtype)
     frame, poses = _start(lens, boards, size, camera_matrix)
-    model = {"camera": {"focal_length": frame.scale, "principal_point": frame.center}, "lens": lens}
+    model = model_of(frame, lens)
     problem = _Boards(selection=Selection(model, choice), boards=boards, weights=boards.weights)
     start = Unknowns(problem.selection.values(), _blocks(poses))
     minimum = minimize(
@@ -210,9 +240,10 @@ def _fit(choice: Choice, lens, boards, size, camera_matrix, bounds, loss_scale, 
     )
     known = assess(problem, minimum, loss=loss)
     model = problem.selection.insert(minimum.unknowns.shared)
-    poses, frame = _poses(minimum.unknowns.blocks), _frame(model)
-    camera = np.array([name in _CAMERA for name in choice.names])
-    lost = jnp.any(camera & ~(known.inflation < IDENTIFIED)) | (_parallel(poses) & bool(camera.any()))
+    poses, frame = _poses(minimum.unknowns.blocks), frame_of(model)
+    diagonal = jnp.sqrt(jnp.sum(size**2))
+    lost = ~(_unknown(problem.selection, minimum, known, boards) < _USELESS * diagonal)
+    lost |= _parallel(poses) & any(name in _CAMERA for name in choice.names)
     status = jnp.where(lost & (known.status_code <= FitStatus.DIVERGED), FitStatus.RANK_DEFICIENT, known.status_code)
     return report(
         minimum,
@@ -223,7 +254,8 @@ def _fit(choice: Choice, lens, boards, size, camera_matrix, bounds, loss_scale, 
         poses=poses,
         per_view_rms=known.per_block_rms,
         status_code=status,
-        folds=_folds(model["lens"], frame, size),
+        folds=_folds(model["lens"], frame, size, boards),
+        image_size=size,
     )
 
 
@@ -289,8 +321,7 @@ class _Pose(Problem):
     weights: Float[Array, "1 corners"]
 
     def residuals(self, unknowns: Unknowns) -> Float[Array, "1 corners 2"]:
-        ideal = _poses(unknowns.shared[None]).project(self.boards.points)
-        predicted = self.frame.denormalize(self.lens.distort(ideal))
+        predicted = seen_at(self.lens, self.frame, _poses(unknowns.shared[None]).place(self.boards.points))
         return jnp.where((self.weights > 0)[..., None], self.boards.observed - predicted, 0)
 
 
@@ -300,6 +331,11 @@ def _start(lens: Lens, boards: Boards, size: Array, camera_matrix: Array | None)
     boards = boards.view(jnp.where(taken, jnp.arange(taken.shape[0]), jnp.argmax(taken)))
     if camera_matrix is None:
         center = 0.5 * (size - 1)
+        if isinstance(lens, WideLens):
+            length, poses = equidistant_start(boards.points, boards.observed, boards.weights, size)
+            # The lens may enlarge the middle, as one of a unified camera does.
+            enlarged = jnp.trace(jax.jacfwd(lens.distort)(jnp.zeros_like(size))) / 2
+            return Frame(center, length / enlarged), poses
         matrices = jax.vmap(direct_linear_transform)(boards.points, boards.observed, boards.weights)
         frame = Frame(center, focal_lengths(matrices, center, jnp.max(size)))
         return frame, poses_from_homographies(matrices, frame)
@@ -308,13 +344,12 @@ def _start(lens: Lens, boards: Boards, size: Array, camera_matrix: Array | None)
 
 
 def _start_poses(lens: Lens, frame: Frame, boards: Boards) -> Poses:
+    if isinstance(lens, WideLens):
+        rays = lens.invert_projection(frame.normalize(boards.observed)).points
+        return poses_from_rays(boards.points, rays, boards.weights)
     ideal = frame.denormalize(lens.invert(frame.normalize(boards.observed)).points)
     matrices = jax.vmap(direct_linear_transform)(boards.points, ideal, boards.weights)
     return poses_from_homographies(matrices, frame)
-
-
-def _frame(model: PyTree) -> Frame:
-    return Frame(model["camera"]["principal_point"], model["camera"]["focal_length"])
 
 
 def _poses(blocks: Float[Array, "views 6"]) -> Poses:
@@ -332,8 +367,31 @@ def _parallel(poses: Poses) -> Array:
     return jnp.max(sines) < _PARALLEL
 
 
-def _folds(lens: Lens, frame: Frame, size: Array) -> Array:
-    """Tells whether some point of the picture's border has no preimage, or one beyond a fold."""
+def _unknown(selection: Selection, minimum: Minimum, known: Knowledge, boards: Boards) -> Float[Array, ""]:
+    """Returns how well the camera's projections are known where it saw corners: the root of their mean variance.
+
+    That is what tells whether a calibration is of use. Single parameters do not: through a long lens the principal
+    point may be unknown to many pixels, while another rotation of the camera makes up for any of its places.
+    """
+    model = selection.insert(minimum.unknowns.shared)
+    selection = Selection(model, selection.choice)
+    every = -(-boards.points.shape[1] // _CORNERS_A_VIEW)
+    some = jax.tree.map(lambda leaf: leaf[:, ::every], boards)
+    rays = _poses(minimum.unknowns.blocks).place(some.points).reshape(-1, 3)
+    weights = some.weights.reshape(-1)
+    turns = best_rotation(selection, rays, weights)
+    xx, _, yy = covariance_of_pixels(selection, root_of(known.covariance), turns, rays)
+    return jnp.sqrt(jnp.sum(jnp.where(weights > 0, xx + yy, 0)) / jnp.sum(weights > 0))
+
+
+def _folds(lens: Lens, frame: Frame, size: Array, boards: Boards) -> Array:
+    """Tells whether some point of the picture's border has no preimage, or one beyond a fold.
+
+    The corners of a fisheye's picture may well show nothing, so that of such a lens it is the corners seen that count.
+    """
+    if isinstance(lens, WideLens):
+        lost = ~lens.invert_projection(frame.normalize(boards.observed)).valid
+        return jnp.any(lost & (boards.weights > 0))
     steps = jnp.linspace(0, 1, 33, dtype=size.dtype)
     zero, one = jnp.zeros_like(steps), jnp.ones_like(steps)
     border = jnp.concatenate(

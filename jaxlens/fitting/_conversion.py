@@ -95,7 +95,7 @@ def convert(camera: Camera, family: type[Lens] | Lens, *, terms: int | None = No
     # Families with more numbers than a lens needs leave some undetermined, and the camera is the nearest all the same.
     if is_concrete(fit.status_code) and fit.status not in (FitStatus.CONVERGED, FitStatus.RANK_DEFICIENT):
         checked(fit, throw)
-    distances = jnp.hypot(*jnp.moveaxis(fit.residuals, -1, 0))
+    distances = jnp.hypot(*split(fit.residuals))
     farthest = jnp.argmax(jnp.where(folded, jnp.inf, distances))
     assert isinstance(fit.lens, Lens)
     assert fit.frame is not None
@@ -133,7 +133,7 @@ def _predicted(model: dict, rays: Float[Array, "points 3"]) -> Float[Array, "poi
     lens: Lens = model["lens"]
     if isinstance(lens, WideLens):
         return _frame(model).denormalize(lens.observe(rays)[0])
-    x, y, z = jnp.moveaxis(rays, -1, 0)
+    x, y, z = split(rays)
     depth = jnp.where(z > 0, z, 1)
     return _frame(model).denormalize(lens.distort(join(x / depth, y / depth)))
 

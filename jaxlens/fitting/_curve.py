@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from jaxlens.fitting._parameters import Choice, Selection, choose
+from jaxlens.fitting._parameters import named
 from jaxlens.fitting._result import Fit
 
 
@@ -24,7 +24,7 @@ def distortion_curve(
     """
     direction = jnp.asarray([np.cos(angle), np.sin(angle)], fit.values.dtype)
     radii = jnp.asarray(radii, fit.values.dtype)
-    selection, places = _lens_parameters(fit)
+    selection, places = named(fit.lens, fit.names)
 
     def moved(values):
         lens = selection.insert(values)
@@ -35,11 +35,3 @@ def distortion_curve(
     covariance = fit.covariance[np.ix_(places, places)]
     variance = jnp.einsum("ri,ij,rj->r", slope, covariance, slope)
     return moved(values), jnp.sqrt(jnp.maximum(variance, 0))
-
-
-def _lens_parameters(fit: Fit) -> tuple[Selection, list[int]]:
-    """Returns the fitted numbers of the lens, and where they stand among all that was fitted."""
-    every = choose(fit.lens, jax.tree.map(lambda _: True, fit.lens))
-    kept = [(index, name) for index, name in zip(*every, strict=True) if name in fit.names]
-    choice = Choice(tuple(index for index, _ in kept), tuple(name for _, name in kept))
-    return Selection(fit.lens, choice), [fit.names.index(name) for name in choice.names]

@@ -122,6 +122,14 @@ def without(choice: Choice, fixed: Sequence[str]) -> Choice:
     return Choice(tuple(index for index, _ in kept), tuple(name for _, name in kept))
 
 
+def named(tree: PyTree, names: Sequence[str]) -> tuple[Selection, list[int]]:
+    """Returns a pytree in which the numbers that bear one of these names are free, and their places among the names."""
+    every = choose(tree, jax.tree.map(lambda _: True, tree))
+    kept = [(index, name) for index, name in zip(*every, strict=True) if name in names]
+    choice = Choice(tuple(index for index, _ in kept), tuple(name for _, name in kept))
+    return Selection(tree, choice), [list(names).index(name) for name in choice.names]
+
+
 def free_mask(lens: CoordinateMap, free: PyTree | None, *, center: bool) -> PyTree:
     """Returns which numbers of a map are free: those of `free`, or its adjustable ones; with `center` that, too.
 

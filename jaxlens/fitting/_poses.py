@@ -20,12 +20,15 @@ class Poses(eqx.Module):
         """Returns the rotation matrices."""
         return rotation_matrix(self.rotation_vectors)
 
+    def place(self, board: Float[ArrayLike, "*#views points 2"]) -> Float[Array, "*views points 3"]:
+        """Returns where points of the board's plane are before the camera, (X, Y, Z)."""
+        rotation = self.rotations()
+        turned = jnp.einsum("...ij,...nj->...ni", rotation[..., :, :2], jnp.asarray(board))
+        return turned + self.translations[..., None, :]
+
     def project(self, board: Float[ArrayLike, "*#views points 2"]) -> Float[Array, "*views points 2"]:
         """Returns the ideal image points (X/Z, Y/Z) of points of the board's plane, (x, y) order."""
-        rotation = self.rotations()
-        inside = (
-            jnp.einsum("...ij,...nj->...ni", rotation[..., :, :2], jnp.asarray(board)) + self.translations[..., None, :]
-        )
+        inside = self.place(board)
         return inside[..., :2] / inside[..., 2:]
 
 

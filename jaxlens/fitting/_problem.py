@@ -108,7 +108,8 @@ class Knowledge(eqx.Module):
         residuals: As of `Problem.residuals`, not weighted; zero where the weight is zero.
         covariance: Covariance of the shared parameters, as in `Fit`; NaN where the data do not determine it.
         information: JᵀJ, the columns of J scaled to length one, and cleared of what blocks could explain as well.
-        inflation: How many times the other parameters' being unknown inflates the variance of each.
+        inflation: How many times the other shared parameters' being unknown inflates the variance of each, beyond what
+            the blocks do, which count as unknown either way.
         rms: The root of the mean squared length of the residuals, weighted.
         per_block_rms: The same for each block.
         degrees_of_freedom: Residual components less parameters, those of blocks counted.
@@ -362,6 +363,8 @@ def assess(
         # A block without data has nothing to tell, and must not spoil the others.
         own = jnp.where(taken[:, None, None], normal.blocks, jnp.eye(blocks.shape[1], dtype=blocks.dtype))
         shared = shared - jnp.einsum("vsb,vbt->st", cross, jnp.linalg.solve(own, jnp.swapaxes(cross, 1, 2)))
+    # Of each column, what blocks could not explain as well: only the other shared parameters inflate beyond that.
+    alone = jnp.diagonal(shared)
     finite = jnp.all(jnp.isfinite(shared))
     inverse, inflation, regular = invert_definite(
         shared, diagonal=jnp.ones(count, shared.dtype), rounding=squares_rounding(shared.dtype)
@@ -378,7 +381,7 @@ def assess(
         raw,
         covariance,
         shared,
-        inflation,
+        jnp.where(regular, inflation * alone, jnp.inf),
         jnp.sqrt(jnp.sum(squares) / jnp.sum(weights)),
         jnp.sqrt(jnp.sum(squares, axis=1) / jnp.sum(weights, axis=1)),
         freedom,

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from jaxlens.fitting._poses import Poses
 from jaxlens.frames import Frame
@@ -15,7 +15,7 @@ from jaxlens.maps import CoordinateMap
 from jaxlens.numerics import Status, is_concrete
 
 # A coefficient whose variance the others inflate more than this is traded against them, not measured: its own columns
-# of the Jacobian agree with a combination of the others' to one part in a thousand.
+# of the Jacobian, cleared of what poses explain, agree with a combination of the others' to one part in a thousand.
 IDENTIFIED = 1e6
 # Neighbouring residuals that share this much of their variance are no noise.
 STRUCTURED = 0.3
@@ -60,7 +60,8 @@ class Fit(eqx.Module):
         covariance: Their covariance, with n − p degrees of freedom; with a robust loss by Huber's formula. NaN where
             the data do not determine it.
         information: JᵀJ, the columns of J scaled to length one, and cleared of what poses could explain as well.
-        inflation: How many times the other parameters' being unknown inflates the variance of each.
+        inflation: How many times the other parameters' being unknown inflates the variance of each. Poses are unknown
+            either way.
         residuals: `(..., components)`, observed − predicted, not weighted; zero where the weight is zero.
         rms: The root of the mean squared length of the residuals, weighted.
         per_view_rms: The same for each view, of `calibrate` only.
@@ -73,6 +74,7 @@ class Fit(eqx.Module):
             independent noise; zero where that may well be chance.
         noise_inflation: Of `fit_images`, how many times the correlation of residuals that are neighbours in the picture
             inflates the variance of each parameter (`covariance` has it in it); ones where there is none.
+        image_size: Of `calibrate`, the width and height of the picture in pixels.
     """
 
     lens: CoordinateMap
@@ -93,6 +95,7 @@ class Fit(eqx.Module):
     folds: Bool[Array, ""]
     noise_correlation: Float[Array, ""] | None = None
     noise_inflation: Float[Array, " parameters"] | None = None
+    image_size: Float[Array, "2"] | None = None
 
     @property
     def status(self) -> FitStatus | Int[Array, "*batch"]:
@@ -144,6 +147,32 @@ class Fit(eqx.Module):
         if self.frame is None:
             raise ValueError("this fit has no frame, and so no camera matrix: its points were normalized already")
         return self.frame.camera_matrix()
+
+    def projection_uncertainty(self, pixels: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch"]:
+        """Returns how well a calibration knows where the camera puts a ray: one standard deviation, in pixels.
+
+        The ray is the one that the fitted camera sees at the pixel. Another set of views, equally good, would give
+        another camera, which sees that ray elsewhere; the standard deviation is that of this shift in the direction in
+        which it is largest (as mrcal reports it), by the delta method. A camera that is another only by a rotation is
+        the same camera, held another way, and the poses of the boards would follow: so the shift is what is left after
+        the rotation that makes it smallest over the whole picture, in least squares. The poses count as unknown.
+
+        Args:
+            pixels: `(..., 2)`, (x, y) order, pixel centres at integers; a full grid is cheap.
+
+        Returns:
+            `(...)`, NaN where the camera sees no ray, or the covariance is unknown. Differentiable. It holds what noise
+            leaves unknown, not what is wrong with a lens that does not fit, and beyond the corners that were seen it
+            believes the lens.
+
+        Raises:
+            ValueError: the fit is no calibration from boards.
+        """
+        if self.image_size is None:
+            raise ValueError("only a calibration knows a camera, and so the uncertainty of its projections")
+        from jaxlens.fitting._uncertainty import projection_uncertainty
+
+        return projection_uncertainty(self, pixels)
 
     def problems(self) -> list[str]:
         """Returns why the result deserves a second look, a sentence each; empty if nothing speaks against it."""

@@ -45,8 +45,20 @@ def summarize(fit: Fit) -> str:
     if fit.per_view_rms is not None:
         views = np.asarray(fit.per_view_rms)
         facts.append(f"{len(views)} views, root mean square residuals from {views.min():.3g} to {views.max():.3g}")
+    if fit.image_size is not None and np.isfinite(errors).all():
+        facts.append(_projections(fit))
     notes = [*_strong_correlations(fit), *(f"warning: {problem}" for problem in fit.problems())]
     return "\n".join([*facts, "", *table, *([""] if notes else []), *notes])
+
+
+def _projections(fit: Fit) -> str:
+    """Returns how well a camera is known in the middle of its picture and in the corner where it is known least."""
+    width, height = np.asarray(fit.image_size, float) - 1
+    places = np.array([[width / 2, height / 2], [0, 0], [width, 0], [0, height], [width, height]])
+    middle, *corners = np.asarray(fit.projection_uncertainty(places))
+    seen = [value for value in corners if np.isfinite(value)]
+    corner = f"to {max(seen):.2g} in a corner" if seen else "and sees nothing in the corners"
+    return f"a ray's place in the picture is known to {middle:.2g} pixels in the middle, {corner} (one std. deviation)"
 
 
 def _noise(factors: np.ndarray) -> str:

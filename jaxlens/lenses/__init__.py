@@ -1,5 +1,6 @@
 """Lens models, one file a family."""
 
+from jaxlens.lenses._angular_lens import AngularLens as AngularLens
 from jaxlens.lenses._barrel import Barrel as Barrel
 from jaxlens.lenses._barrel import BarrelInverse as BarrelInverse
 from jaxlens.lenses._brown_conrady import BrownConrady as BrownConrady
@@ -31,6 +32,8 @@ from jaxlens.lenses._registry import registered as registered
 from jaxlens.lenses._registry import registered_name as registered_name
 from jaxlens.lenses._splined_angle import SplinedAngle as SplinedAngle
 from jaxlens.lenses._splined_radial import SplinedRadial as SplinedRadial
+from jaxlens.lenses._thin_prism_fisheye import RadTanThinPrismFisheye as RadTanThinPrismFisheye
+from jaxlens.lenses._thin_prism_fisheye import ThinPrismFisheye as ThinPrismFisheye
 from jaxlens.lenses._unified_camera import UnifiedCamera as UnifiedCamera
 from jaxlens.lenses._wide_lens import DistortedProjection as DistortedProjection
 from jaxlens.lenses._wide_lens import Projection as Projection

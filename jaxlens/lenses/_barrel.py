@@ -109,7 +109,7 @@ class BarrelInverse(_FourNumbers):
     def _ends(self) -> tuple[Float[Array, ""], Float[Array, ""]]:
         return _Series(self.powers()).fold_radius(), first_root(self.powers())
 
-    def _ideal_scale(self, squared: Float[Array, "*batch"]) -> tuple[Float[Array, "*batch"], Int8[Array, "*batch"]]:
+    def ideal_scale(self, squared: Float[Array, "*batch"]) -> tuple[Float[Array, "*batch"], Int8[Array, "*batch"]]:
         finite = squared <= jnp.finfo(squared.dtype).max
         squared = jnp.where(finite, squared, 0)
         ratio, inside = _Series(self.powers() / self.d).ratio(squared * self.d**2, jnp.ones_like(squared))

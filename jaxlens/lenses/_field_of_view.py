@@ -42,9 +42,12 @@ class FieldOfView(RadialLens):
 
     @classmethod
     def identity(cls, *, terms: int | None = None) -> "FieldOfView":
-        """Returns the lens with ω = 0, at which no small change of ω shows: fits start at a little more."""
+        """Returns the lens with ω = 0.1, which moves a point at radius one by 0.3 %: zero is a start no fit can leave.
+
+        There the derivative by ω vanishes, because ω and −ω are the same lens.
+        """
         cls.count_terms(terms)
-        return cls(0.0)
+        return cls(0.1)
 
     def factor(self, squared_radius: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
         """Returns Φ = arctan(2 r tan(ω / 2)) / (ω r), smooth in r² and ω²."""
@@ -61,7 +64,7 @@ class FieldOfView(RadialLens):
         bounded = size > 0
         return jnp.where(bounded, 0.5 * jnp.pi / jnp.where(bounded, size, 1), jnp.inf)
 
-    def _ideal_scale(self, squared: Float[Array, "*batch"]) -> tuple[Float[Array, "*batch"], Int8[Array, "*batch"]]:
+    def ideal_scale(self, squared: Float[Array, "*batch"]) -> tuple[Float[Array, "*batch"], Int8[Array, "*batch"]]:
         # The formula solved for r_u. Beyond the edge stands a very distant point.
         finite = squared <= jnp.finfo(squared.dtype).max
         squared = jnp.square(self.omega) * jnp.where(finite, squared, 0)

@@ -134,9 +134,8 @@ def _on_its_ray(function: PlaneMap, region: Region, goal: Float[Array, "batch 2"
         low, high = bracket
         middle = jnp.sqrt(low) * jnp.sqrt(high)
         u, v = split(function(point(middle)))
-        nearer = (u - image[0]) ** 2 + (
-            v - image[1]
-        ) ** 2 < size * size  # false, too, where the lens is no longer finite
+        u, v = u - image[0], v - image[1]
+        nearer = u * u + v * v < size * size  # false, too, where the lens is no longer finite
         return jnp.where(nearer, middle, low), jnp.where(nearer, high, middle)
 
     nearest = (1 - _MARGIN) * jnp.min(region.edges)

@@ -206,7 +206,7 @@ class Lens(CoordinateMap):
         points = as_points(points)
         points = points.astype(jnp.promote_types(points.dtype, jnp.float32))
         lens, (x, y) = _in_common_dtype(self, split(points))
-        finite = _squared_radius(x, y) < jnp.inf
+        finite = squared_length(x, y) < jnp.inf
         x, y = jnp.where(finite, x, 0), jnp.where(finite, y, 0)
         *root, status = solve(*lax.stop_gradient((lens, x, y)))
         return lens, join(x, y), join(*root), jnp.where(finite, status, jnp.int8(InverseStatus.NOT_FINITE))
@@ -237,7 +237,7 @@ class RadialLens(Lens):
 
     def nearest_fold(self) -> Float[Array, ""]:
         """Returns the ideal radius about the origin of the nearest point of the fold; ∞ if there is none."""
-        return jnp.maximum(self.fold_radius() - jnp.sqrt(_squared_radius(*self.center)), 0)
+        return jnp.maximum(self.fold_radius() - jnp.sqrt(squared_length(*self.center)), 0)
 
     def surely_one_to_one(self, points: Float[Array, "*batch 2"]) -> None:
         """Returns None: to compare each point's radius with the fold's is as quick."""
@@ -288,7 +288,7 @@ class RadialLens(Lens):
             centre and in masked places (at the fold itself the true derivative is infinite).
         """
         x, y = self.offset(points)
-        scale, status = self._ideal_scale(_squared_radius(x, y))
+        scale, status = self.ideal_scale(squared_length(x, y))
         finite = status != InverseStatus.NOT_FINITE
         points = self.scaled(jnp.where(finite, x, 0), jnp.where(finite, y, 0), scale)
         return Inverse(points, status == InverseStatus.CONVERGED, status)
@@ -297,7 +297,7 @@ class RadialLens(Lens):
     def preimages(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2"]:
         """Returns the points of `invert`, NaN where they are not valid."""
         x, y = self.offset(points)
-        scale, status = self._ideal_scale(_squared_radius(x, y))
+        scale, status = self.ideal_scale(squared_length(x, y))
         # The mask travels as NaN in the one scale: computing it again for both coordinates would cost more than all
         # the rest. Where it is NaN the product is formed with zero, for the sake of its derivative.
         scale = jnp.where(status == InverseStatus.CONVERGED, scale, jnp.nan)
@@ -313,7 +313,7 @@ class RadialLens(Lens):
         """Returns the observed radius of ideal radii, ρ Φ(ρ²)."""
         return radius * self.factor(radius * radius)
 
-    def _ideal_scale(self, squared: Float[Array, "*batch"]) -> tuple[Float[Array, "*batch"], Int8[Array, "*batch"]]:
+    def ideal_scale(self, squared: Float[Array, "*batch"]) -> tuple[Float[Array, "*batch"], Int8[Array, "*batch"]]:
         """Returns the ratio of ideal to observed radius at squared observed radii, and the `InverseStatus`."""
         finite = squared <= jnp.finfo(squared.dtype).max
         lens, squared = _in_common_dtype(self, jnp.where(finite, squared, 0))
@@ -363,17 +363,17 @@ def _solve(
 
 
 @jax.custom_jvp
-def _squared_radius(x: Array, y: Array) -> Array:
+def squared_length(x: Array, y: Array) -> Array:
     """Returns `x² + y²`, or ∞ where that is not finite."""
     squared = x * x + y * y
     # A comparison, because XLA would rather write a plane to memory than compute `isfinite` twice.
     return jnp.where(squared <= jnp.finfo(squared.dtype).max, squared, jnp.inf)
 
 
-@_squared_radius.defjvp
-def _squared_radius_jvp(primals, tangents):
+@squared_length.defjvp
+def _squared_length_jvp(primals, tangents):
     x, y = primals
-    squared = _squared_radius(x, y)
+    squared = squared_length(x, y)
     finite = squared < jnp.inf
     x, y = jnp.where(finite, x, 0), jnp.where(finite, y, 0)
     return squared, 2 * (x * tangents[0] + y * tangents[1])
@@ -381,11 +381,11 @@ def _squared_radius_jvp(primals, tangents):
 
 def on_the_plane(rays: Float[Array, "*batch 3"]) -> tuple[Float[Array, "*batch 2"], Bool[Array, "*batch"]]:
     """Returns the points (x, y) / z of rays, and which of them lie ahead; those that do not are at the origin."""
-    x, y, z = jnp.moveaxis(rays, -1, 0)
+    x, y, z = split(rays)
     ahead = z > 0
     depth = jnp.where(ahead, z, 1)
     x, y = x / depth, y / depth
-    ahead &= _squared_radius(x, y) < jnp.inf
+    ahead &= squared_length(x, y) < jnp.inf
     return join(jnp.where(ahead, x, 0), jnp.where(ahead, y, 0)), ahead
 
 

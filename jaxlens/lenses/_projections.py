@@ -5,21 +5,13 @@ from typing import ClassVar
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, Bool, Float
 
+from jaxlens.lenses._angles import angle_over_radius, sine_and_cosine
 from jaxlens.lenses._lens import on_the_plane
 from jaxlens.lenses._registry import register
 from jaxlens.lenses._wide_lens import Plane, Projection, unit
-from jaxlens.numerics import as_points, jitted, join, polynomial, split
-
-# Below this square of an angle or a sine series take over, with so many terms that the rest is below rounding.
-_NEAR = 1e-2
-_SINE = (1.0, -1 / 6, 1 / 120, -1 / 5040, 1 / 362880, -1 / 39916800)
-_COSINE = (1.0, -1 / 2, 1 / 24, -1 / 720, 1 / 40320, -1 / 3628800)
-
-# Halvings of an angle below 90° before its series, and that one's terms, by bytes of the dtype.
-_HALVINGS = 2
-_ARCTANGENT = {2: 4, 4: 9, 8: 20}
+from jaxlens.numerics import join, split
 
 _Observed = tuple[Float[Array, "*batch 2"], Bool[Array, "*batch"]]
 _Raised = tuple[Float[Array, "*batch 3"], Bool[Array, "*batch"]]
@@ -72,21 +64,14 @@ class Equidistant(_Plain):
         """Returns the observed points of finite rays; the antipode and the zero ray are not seen."""
         x, y, z, some = unit(rays)
         squared = x * x + y * y
-        scale = _angle_over_sine(squared, z)
-        return join(x * scale, y * scale), some & ((z > 0) | _is_off_axis(squared))
-
-    @jitted
-    def distort(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2"]:
-        """Maps ideal points `(..., 2)` of the plane z = 1 to observed ones."""
-        x, y = split(as_points(points))
-        scale = _angle_over_tangent(x * x + y * y)
-        return join(x * scale, y * scale)
+        scale = angle_over_radius(squared, z)
+        return join(x * scale, y * scale), some & ((z > 0) | (squared > 0))
 
     def raised(self, points: Float[Array, "*batch 2"]) -> _Raised:
         """Returns the unit rays of observed points; those with r < π are of one."""
         x, y = split(points)
         squared = x * x + y * y
-        sine, cosine = _sine_and_cosine(squared)
+        sine, cosine = sine_and_cosine(squared)
         return join(x * sine, y * sine, cosine), squared < np.pi**2
 
 
@@ -200,39 +185,3 @@ def _about_the_vertical(rays: Float[Array, "*batch 3"]) -> tuple[Plane, Plane, P
     beside = some & (squared > 0)
     z = jnp.where(beside, z, 1)
     return x, y, z, jnp.sqrt(jnp.where(beside, squared, 1)), beside
-
-
-def _angle_over_sine(squared_sine: Plane, cosine: Plane) -> Plane:
-    """Returns θ / sin θ from sin² θ and cos θ: smooth on the axis; large, not infinite, at the antipode."""
-    ahead = cosine > 0
-    # tan(θ/2) is sin θ / (1 + cos θ), and (1 − cos θ) / sin θ where the first would cancel.
-    above = 1 + jnp.where(ahead, cosine, -cosine)
-    below = jnp.where(ahead | ~_is_off_axis(squared_sine), 1, squared_sine)
-    squared = jnp.where(ahead, squared_sine / (above * above), above * above / below)
-    return 2 * _angle_over_tangent(squared) * jnp.where(ahead, 1 / above, above / below)
-
-
-def _is_off_axis(squared_sine: Plane) -> Bool[Array, "*batch"]:
-    """Tells whether a ray is so far from the axis that its direction from there has derivatives."""
-    return squared_sine > 4 * jnp.sqrt(jnp.finfo(squared_sine.dtype).tiny)
-
-
-def _angle_over_tangent(squared_tangent: Plane) -> Plane:
-    """Returns θ / tan θ from tan² θ, for θ up to a right angle: smooth on the axis, and vectorized, as `arctan` is not.
-
-    Angles are halved, tan(θ/2) = tan θ / (1 + √(1 + tan² θ)), until they are small.
-    """
-    scale = jnp.ones((), squared_tangent.dtype)
-    for _ in range(_HALVINGS):
-        inverse = 1 / (1 + jnp.sqrt(1 + squared_tangent))
-        scale, squared_tangent = 2 * inverse * scale, squared_tangent * inverse * inverse
-    terms = range(_ARCTANGENT[squared_tangent.dtype.itemsize])
-    return scale * polynomial(tuple((-1.0) ** n / (2 * n + 1) for n in terms), squared_tangent)
-
-
-def _sine_and_cosine(squared_angle: Plane) -> tuple[Plane, Plane]:
-    """Returns sin θ / θ and cos θ from θ²: smooth at zero."""
-    near = squared_angle < _NEAR
-    small, angle = jnp.where(near, squared_angle, 0), jnp.sqrt(jnp.where(near, 1, squared_angle))
-    sine = jnp.where(near, polynomial(_SINE, small), jnp.sin(angle) / angle)
-    return sine, jnp.where(near, polynomial(_COSINE, small), jnp.cos(angle))

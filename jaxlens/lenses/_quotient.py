@@ -53,7 +53,7 @@ def _solve(quotient: Quotient, squared: Plane, z: Plane) -> tuple[Plane, Bool[Ar
     ahead = z + jnp.sqrt(z * z + squared)
     some = ahead > 0
     doubled = 2 / jnp.where(some, ahead, 1)
-    ratio, status = _HalfAngle(quotient, squared.dtype)._ideal_scale(squared * doubled * doubled)
+    ratio, status = _HalfAngle(quotient, squared.dtype).ideal_scale(squared * doubled * doubled)
     reached = some & (status == InverseStatus.CONVERGED)
     ratio = jnp.where(reached, ratio * doubled, 1)
     # Far from the axis the half angle may hardly change with the radius; there this equation is nearly linear.

@@ -24,7 +24,7 @@ class ReversedLens(RadialLens):
 
     def factor(self, squared_radius: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
         """Returns Φ, the ratio of observed to ideal radius, at squared ideal radii; NaN beyond the fold."""
-        scale, status = self.reverse()._ideal_scale(squared_radius)
+        scale, status = self.reverse().ideal_scale(squared_radius)
         return jnp.where(status == InverseStatus.CONVERGED, scale, jnp.nan)
 
     def fold_radius(self) -> Float[Array, ""]:
@@ -35,7 +35,7 @@ class ReversedLens(RadialLens):
         """Returns the observed radius at which the ideal one stops growing; ∞ if it never does."""
         return self.reverse().fold_radius()
 
-    def _ideal_scale(self, squared: Float[Array, "*batch"]) -> tuple[Float[Array, "*batch"], Int8[Array, "*batch"]]:
+    def ideal_scale(self, squared: Float[Array, "*batch"]) -> tuple[Float[Array, "*batch"], Int8[Array, "*batch"]]:
         finite = squared <= jnp.finfo(squared.dtype).max
         lens, squared = _in_common_dtype(self, jnp.where(finite, squared, 0))
         edge = lens.edge_radius()

@@ -6,14 +6,13 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
-from jaxlens.lenses._projections import Equidistant
+from jaxlens.lenses._angular_lens import AngularLens
 from jaxlens.lenses._registry import register
 from jaxlens.lenses._splined_radial import SplinedRadial, check_nodes
-from jaxlens.lenses._wide_lens import DistortedProjection
 
 
 @register("SplinedAngle", short="splined-angle")
-class SplinedAngle(DistortedProjection):
+class SplinedAngle(AngularLens):
     """`r_d = S(θ)`, the spline of `SplinedRadial` over the angle θ from the axis in radians, in place of a radius.
 
     It is one-to-one at all angles up to π; beyond the last node it goes on straight, as an equidistant lens does.
@@ -47,11 +46,6 @@ class SplinedAngle(DistortedProjection):
     def adjustable(self) -> PyTree:
         """Returns the values alone: nodes tell where the lens is, rather than what it does."""
         return eqx.tree_at(lambda lens: lens.nodes, super().adjustable(), False)
-
-    @property
-    def projection(self) -> Equidistant:
-        """Equidistant."""
-        return Equidistant()
 
     @property
     def plane(self) -> SplinedRadial:

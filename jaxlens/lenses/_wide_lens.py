@@ -70,7 +70,7 @@ class WideLens(Lens):
     def invert(self, points: Float[ArrayLike, "*batch 2"]) -> Inverse:
         """Finds the ideal points of observed ones on the plane z = 1; a ray with z ≤ 0 has none."""
         found = self.invert_projection(points)
-        x, y, z = jnp.moveaxis(found.points, -1, 0)
+        x, y, z = split(found.points)
         # So near to the plane's horizon that the point is lost in rounding.
         ahead = z > epsilon(z.dtype)
         missed = (found.status == InverseStatus.CONVERGED) & ~ahead
@@ -157,14 +157,21 @@ def _on_the_plane(points: ArrayLike) -> Float[Array, "*batch 3"]:
     return join(x, y, jnp.ones_like(x))
 
 
-def unit(rays: Float[Array, "*batch 3"]) -> tuple[Plane, Plane, Plane, Bool[Array, "*batch"]]:
-    """Returns the x, y and z of rays made to have length one, and which had a length; the rest point forward."""
-    x, y, z = jnp.moveaxis(rays, -1, 0)
-    # The largest coordinate first, so that no square overflows or vanishes. What depends on a direction alone does not
-    # change with the length, so the factor may count as a constant.
+def scaled(rays: Float[Array, "*batch 3"]) -> tuple[Plane, Plane, Plane, Bool[Array, "*batch"]]:
+    """Returns the x, y and z of rays of which no square overflows or vanishes, and which had a length.
+
+    Those that had none point forward.
+    """
+    x, y, z = split(rays)
+    # What depends on a direction alone does not change with the length, so the factor may count as a constant.
     size = lax.stop_gradient(jnp.maximum(jnp.maximum(jnp.abs(x), jnp.abs(y)), jnp.abs(z)))
     some = size > 0
     inverse = 1 / jnp.where(some, size, 1)
-    x, y, z = x * inverse, y * inverse, jnp.where(some, z * inverse, 1)
+    return x * inverse, y * inverse, jnp.where(some, z * inverse, 1), some
+
+
+def unit(rays: Float[Array, "*batch 3"]) -> tuple[Plane, Plane, Plane, Bool[Array, "*batch"]]:
+    """Returns the x, y and z of rays made to have length one, and which had a length; the rest point forward."""
+    x, y, z, some = scaled(rays)
     scale = lax.rsqrt(x * x + y * y + z * z)
     return x * scale, y * scale, z * scale, some

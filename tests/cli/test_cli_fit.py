@@ -10,7 +10,7 @@ from pictures import files_in
 
 import jaxlens as jl
 from jaxlens import images
-from jaxlens.calibrations import read_calibration
+from jaxlens.calibrations import Calibration, read_calibration, write_calibration
 from jaxlens.cli import estimation
 from jaxlens.fitting import _robust
 from jaxlens.images import Picture
@@ -169,7 +169,63 @@ def test_calibrate_from_corners(run, tmp_path):
     truth = [130, 130, 80, 60, -0.2, 0.05, 0, 0]
     scaled = (np.array(estimate.values) - truth) / np.sqrt(np.diag(estimate.covariance))
     assert np.abs(scaled).max() < 4
-    assert files_in(plots) == ["curve.png", "residuals.png", "views.png"]
+    assert files_in(plots) == ["curve.png", "residuals.png", "uncertainty.png", "views.png"]
+    assert "a ray's place in the picture is known to" in result.out
+    assert "median residual" not in result.out
+
+
+def test_calibrate_from_a_camera_with_parameters_held(run, tmp_path):
+    """A board that is partly seen, a view of three corners, a corner that is wrong: the same camera, and all named."""
+    rows = _views(8)
+    rows = np.delete(rows, [0, 1, 2, 40], axis=0)
+    few = (rows[:, 0] == 5) & (rows[:, 1] > 2)
+    rows = rows[~few]
+    wrong = np.flatnonzero((rows[:, 0] == 7) & (rows[:, 1] == 8))[0]
+    rows[wrong, 4:] += [3.0, -4.0]
+    table = _table(tmp_path / "corners.csv", HEADER, [rows])
+    held = {"cx": 80.5, "cy": 59.0, "k2": 0.04}
+    start = Calibration.from_lens(
+        jl.BrownConrady([-0.19, held["k2"], 0.0, 0.0]),
+        frame=jl.Frame([held["cx"], held["cy"]], [128.0, 128.0]),
+        image_size=SIZE,
+    )
+    write_calibration(tmp_path / "start.json", start)
+    output = tmp_path / "camera.json"
+    words = ("--corners", table, "--image-size", "160x120", "--start", tmp_path / "start.json", "--loss", "huber")
+    result = run("calibrate", *words, "--fix", *held, "--output", output)
+    assert result.code == 0, result.err
+    assert "view '5' has 3 corners, and a pose takes 4 at least: left out" in result.err
+    assert "1 of 206 corners lie more than 5 times the median residual off:" in result.out
+    assert "view '7', corner (2, 1) of the board: 4.95 px" in result.out.splitlines()[-1]
+    estimate, parameters = read_calibration(output).estimate, dict(read_calibration(output).parameters)
+    assert estimate.names == ("fx", "fy", "k1", "p1", "p2")
+    assert read_calibration(output).center == (held["cx"], held["cy"])
+    assert parameters["coefficients"][1] == pytest.approx(held["k2"], rel=1e-6)
+    assert np.allclose(estimate.values[:2], 130, atol=1.5)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--fix", "k6"], "--fix k6: the parameters are fx, fy, cx, cy, k1, k2, p1, p2"),
+        (["--fix", "fx"], "--fix fx would hold a first guess; pass --start LENS.json"),
+        (["--start", "missing.json"], "there is no file 'missing.json'"),
+        (["--start", "corners.csv"], "corners.csv"),
+        (["--start", "division.json"], "--model brown-conrady is the lens 'BrownConrady', and 'division.json' holds"),
+        (["--start", "tall.json"], "the calibration is for pictures of 120 × 160 pixels"),
+        (["--start", "1", "2", "3", "4", "5"], "--start has 5 coefficients, and the brown-conrady lens 4"),
+    ],
+)
+def test_calibrate_refuses_a_start_that_is_none(run, tmp_path, monkeypatch, words, message):
+    monkeypatch.chdir(tmp_path)
+    _table(tmp_path / "corners.csv", HEADER, [_views(3)])
+    frame = jl.Frame([60.0, 80.0], 130.0)
+    write_calibration("division.json", Calibration.from_lens(jl.Division(0.1), frame=frame, image_size=(120, 160)))
+    write_calibration(
+        "tall.json", Calibration.from_lens(jl.BrownConrady([0.0] * 4), frame=frame, image_size=(120, 160))
+    )
+    result = run("calibrate", "--corners", "corners.csv", "--image-size", "160x120", "--terms", "4", *words)
+    assert (result.code, message in result.err) == (2, True), result.err
 
 
 def test_calibrate_refuses_what_determines_nothing(run, tmp_path):
@@ -222,7 +278,7 @@ def test_calibrate_from_pictures(run, tmp_path):
     assert (result.code, "none of the 1 pictures shows a board" in result.err) == (1, True)
     images.write(tmp_path / "small.png", Picture(white[:100]))
     result = run("calibrate", tmp_path / "0.png", tmp_path / "small.png", "--board", "6x5")
-    assert (result.code, "pictures of one size" in result.err) == (1, True)
+    assert (result.code, "pictures of one size" in result.err) == (2, True)
 
 
 def test_losses_are_those_of_the_library():
