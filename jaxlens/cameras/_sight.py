@@ -1,6 +1,6 @@
 """From what one lens observes to what another does, in the same place: by the ray between."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float
@@ -37,8 +37,8 @@ def sight(source: Lens, target: Lens, rotation: "jaxlie.SO3 | Float[ArrayLike, '
     return OneToOne(source if matrix is None else _TurnedPlane(source, matrix))
 
 
-def as_rotation(rotation: "jaxlie.SO3 | ArrayLike | None") -> Float[Array, "3 3"] | None:
-    """Returns a rotation as a matrix; None stays None.
+def as_rotation(rotation: Any) -> Float[Array, "3 3"] | None:
+    """Returns a rotation, a `jaxlie.SO3` or a matrix, as a matrix; None stays None.
 
     Raises:
         ValueError: it is no single rotation.

@@ -1,12 +1,12 @@
 """Any lens, of pictures that were turned by quarters."""
 
 import equinox as eqx
-from jaxtyping import Array, Bool, Float, PyTree
+from jaxtyping import Array, ArrayLike, Bool, Float, PyTree
 
 from jaxlens.lenses._lens import Lens
 from jaxlens.lenses._wide_lens import WideLens
 from jaxlens.maps import Inverse
-from jaxlens.numerics import join
+from jaxlens.numerics import as_points, join
 
 
 class Turned(WideLens):
@@ -30,9 +30,9 @@ class Turned(WideLens):
         points, seen = self.lens.observe(_turned(rays, -self.quarters))
         return _turned(points, self.quarters), seen
 
-    def invert_projection(self, points: Float[Array, "*batch 2"]) -> Inverse:
+    def invert_projection(self, points: Float[ArrayLike, "*batch 2"]) -> Inverse:
         """Finds the unit rays of observed points (see `Lens.invert_projection`)."""
-        found = self.lens.invert_projection(_turned(points, -self.quarters))
+        found = self.lens.invert_projection(_turned(as_points(points), -self.quarters))
         return Inverse(_turned(found.points, self.quarters), found.valid, found.status)
 
     def field_of_view(self) -> Float[Array, ""]:
