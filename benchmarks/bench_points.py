@@ -9,7 +9,7 @@ from benchmarks import material, peers
 from benchmarks.checks import check
 
 ERROR = "largest error, normalized units"
-_COUNTS = pytest.mark.parametrize("count", [2, 5, 8])
+_COUNTS = pytest.mark.parametrize("count", [2, 5, 8, 14])
 
 
 def _undistort_points(race, count, dtype, limit, *, tolerance=None, peer_limit=None):

@@ -10,11 +10,14 @@ CHANNELS = 3
 POINTS = 1_000_000
 BATCH = 16
 
-# A barrel lens that is one-to-one in the picture: OpenCV's k1, k2, p1, p2, k3, and the denominator's k4, k5, k6. Its
-# unit is half the diagonal, Eq. 10's, so that the first two alone are the paper's lens. A corner moves by 109 px.
-BROWN_CONRADY = np.array([-0.2, 0.05, 1e-3, -5e-4, -0.01, 0.02, -0.01, 0.002])
+# A barrel lens that is one-to-one in the picture: OpenCV's k1, k2, p1, p2, k3, the denominator's k4, k5, k6, the thin
+# prism's s1 to s4 and the sensor's tilts. Its unit is half the diagonal, Eq. 10's, so that the first two alone are the
+# paper's lens. A corner moves by 109 px.
+BROWN_CONRADY = np.array([-0.2, 0.05, 1e-3, -5e-4, -0.01, 0.02, -0.01, 0.002, 1e-3, 2e-4, -5e-4, 1e-4, 0.01, -0.02])
 _FOCAL = float(np.hypot(SIZE / 2, SIZE / 2))
 CAMERA_MATRIX = np.array([[_FOCAL, 0, SIZE / 2], [0, _FOCAL, SIZE / 2], [0, 0, 1]])
+# A fisheye of the same focal length, OpenCV's k1 to k4: it sees a corner at 45°.
+FISHEYE = np.array([-0.02, 0.003, -0.001, 0.0001])
 # Corners move by up to 60 pixels.
 HOMOGRAPHY = np.array([[1.05, 0.03, -20.0], [-0.02, 0.97, 15.0], [4e-5, -3e-5, 1.0]])
 

@@ -12,7 +12,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from benchmarks.material import BROWN_CONRADY, CAMERA_MATRIX, SIZE, grid_mesh
+from benchmarks.material import BROWN_CONRADY, CAMERA_MATRIX, FISHEYE, SIZE, grid_mesh
 
 
 @dataclass(frozen=True)
@@ -141,6 +141,27 @@ def opencv_undistort_points(points: np.ndarray, count: int, tolerance: float | N
         criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 1000, tolerance)
         run = lambda: cv2.undistortPoints(points, identity, coefficients, criteria=criteria)  # noqa: E731
     return Peer(run, read=lambda found: found[:, 0])
+
+
+def opencv_fisheye(image: np.ndarray) -> Peer | None:
+    """`cv2.fisheye.initUndistortRectifyMap`, then `cv2.remap`."""
+    if (cv2 := load("cv2")) is None:
+        return None
+    eye, size = np.eye(3), image.shape[1::-1]
+
+    def run() -> np.ndarray:
+        planes = cv2.fisheye.initUndistortRectifyMap(CAMERA_MATRIX, FISHEYE, eye, CAMERA_MATRIX, size, cv2.CV_32FC1)
+        return cv2.remap(image, *planes, cv2.INTER_LINEAR)
+
+    return Peer(run)
+
+
+def opencv_fisheye_points(points: np.ndarray) -> Peer | None:
+    """`cv2.fisheye.undistortPoints`, at its default of ten Newton steps."""
+    if (cv2 := load("cv2")) is None:
+        return None
+    points, identity = points[:, None], np.eye(3)
+    return Peer(lambda: cv2.fisheye.undistortPoints(points, identity, FISHEYE), read=lambda found: found[:, 0])
 
 
 def torch_grid_sample(image: np.ndarray, coordinates: np.ndarray) -> Peer | None:

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 
 from benchmarks.material import BROWN_CONRADY, CHANNELS, SIZE
 
-_COEFFICIENTS = ", ".join(f"{value:g}" for value in BROWN_CONRADY).replace("-", "−")
+_COEFFICIENTS = ", ".join(f"{value:g}" for value in BROWN_CONRADY[:8]).replace("-", "−")
 _HEADER = f"""\
 # Benchmarks
 
@@ -18,7 +18,8 @@ the repository's root:
 A row is a function in `bench_*.py`, and its name is its key in the JSON. Unless a row says otherwise an image is
 {SIZE}×{SIZE}×{CHANNELS} float32, and the lens is OpenCV's (`BrownConrady`) with 5 of the coefficients
 {_COEFFICIENTS}, the focal length half the diagonal, which
-is Eq. 10's unit. *2 coefficients* are the paper's lens (`RadialPolynomial`), 8 have the denominator as well.
+is Eq. 10's unit. *2 coefficients* are the paper's lens (`RadialPolynomial`), 8 have the denominator as well, 14 the
+thin prism and the tilted sensor.
 
 - *Lens to picture*: the lens object is built and the map computed in every call; only the compiled function is warm.
   So it is for the peers. *Ready map*: the source coordinates are there.

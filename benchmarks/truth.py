@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from benchmarks.material import BROWN_CONRADY, CAMERA_MATRIX, HOMOGRAPHY, SIZE
+from benchmarks.material import BROWN_CONRADY, CAMERA_MATRIX, FISHEYE, HOMOGRAPHY, SIZE
 
 _FIXED_POINT_STEPS = 60
 # Pixels from the edge within which contenders may differ, as they treat what lies outside in their own ways.
@@ -28,7 +28,18 @@ def undistorted_from(count: int, pixels: np.ndarray | None = None) -> np.ndarray
     factor = (1 + s * (k1 + s * (k2 + s * k3))) / (1 + s * (k4 + s * (k5 + s * k6)))
     across = x * factor + 2 * p1 * x * y + p2 * (s + 2 * x * x)
     down = y * factor + p1 * (s + 2 * y * y) + 2 * p2 * x * y
-    return np.stack([across, down], -1) * CAMERA_MATRIX[0, 0] + CAMERA_MATRIX[:2, 2]
+    return _pixels(np.stack([across, down], -1))
+
+
+def fisheye(pixels: np.ndarray) -> np.ndarray:
+    """Returns where the fisheye sees what a perspective camera of the same focal length sees at pixels `(…, 2)`."""
+    ideal = (pixels - CAMERA_MATRIX[:2, 2]) / CAMERA_MATRIX[0, 0]
+    radius = np.hypot(ideal[..., :1], ideal[..., 1:])
+    angle = np.arctan(radius)
+    s = angle * angle
+    observed = angle * (1 + s * (FISHEYE[0] + s * (FISHEYE[1] + s * (FISHEYE[2] + s * FISHEYE[3]))))
+    scale = np.where(radius > 0, observed / np.where(radius > 0, radius, 1), 1)
+    return _pixels(ideal * scale)
 
 
 def homography(pixels: np.ndarray) -> np.ndarray:
@@ -73,3 +84,7 @@ def _separable(image, coordinates, taps, kernel) -> np.ndarray:
             weight = np.prod(kernel(np.abs(coordinates - at)), -1)
             total += weight.reshape(weight.shape + (1,) * (total.ndim - weight.ndim)) * image[at[..., 1], at[..., 0]]
     return total
+
+
+def _pixels(points: np.ndarray) -> np.ndarray:
+    return points * CAMERA_MATRIX[0, 0] + CAMERA_MATRIX[:2, 2]

@@ -1,5 +1,6 @@
 # The public names: `__init__.py` imports each from here when it is first used, and type checkers read them here.
 from . import calibrations as calibrations
+from . import cameras as cameras
 from . import deformations as deformations
 from . import diagnostics as diagnostics
 from . import fitting as fitting
@@ -10,7 +11,11 @@ from . import metrics as metrics
 from . import profiles as profiles
 from . import self_calibration as self_calibration
 from . import surfaces as surfaces
+from .cameras import Camera as Camera
+from .cameras import reproject as reproject
 from .frames import Frame as Frame
+from .lenses import Barrel as Barrel
+from .lenses import BarrelInverse as BarrelInverse
 from .lenses import BrownConrady as BrownConrady
 from .lenses import Cylindrical as Cylindrical
 from .lenses import Division as Division
@@ -19,13 +24,23 @@ from .lenses import Equidistant as Equidistant
 from .lenses import Equirectangular as Equirectangular
 from .lenses import Equisolid as Equisolid
 from .lenses import ExtendedUnifiedCamera as ExtendedUnifiedCamera
+from .lenses import FieldOfView as FieldOfView
 from .lenses import KannalaBrandt as KannalaBrandt
 from .lenses import Lens as Lens
 from .lenses import Orthographic as Orthographic
 from .lenses import Perspective as Perspective
+from .lenses import Poly3 as Poly3
+from .lenses import Poly5 as Poly5
+from .lenses import PtLens as PtLens
 from .lenses import RadialLens as RadialLens
 from .lenses import RadialPolynomial as RadialPolynomial
+from .lenses import RadialPowers as RadialPowers
+from .lenses import RadialPowersInverse as RadialPowersInverse
+from .lenses import RadTanThinPrismFisheye as RadTanThinPrismFisheye
+from .lenses import SplinedAngle as SplinedAngle
+from .lenses import SplinedRadial as SplinedRadial
 from .lenses import Stereographic as Stereographic
+from .lenses import ThinPrismFisheye as ThinPrismFisheye
 from .lenses import UnifiedCamera as UnifiedCamera
 from .maps import Chain as Chain
 from .maps import CoordinateMap as CoordinateMap

@@ -1,7 +1,9 @@
-"""What a map does to a picture: where it folds, what it covers, what it repeats, and how to crop the rest."""
+"""What a map does to a picture: where it folds, what it covers, what it repeats; and how two cameras differ."""
 
 from functools import partial
+from typing import TYPE_CHECKING
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
@@ -9,11 +11,17 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jaxlens.frames import Frame
 from jaxlens.maps import CoordinateMap
-from jaxlens.numerics import split
+from jaxlens.newton import solve_small
+from jaxlens.numerics import join, masked, split
 from jaxlens.warping import frame_for, pixel_grid, source_coordinates
+
+if TYPE_CHECKING:
+    from jaxlens.cameras import Camera
 
 # Halvings of the zoom: enough for single precision.
 _BISECTIONS = 30
+# Gauss–Newton's steps to the best rotation; each squares what is left.
+_TURNS = 8
 
 
 @partial(jax.jit, static_argnames=("height", "width"))
@@ -32,10 +40,16 @@ def jacobian_determinant(
     return mapping.jacobian_determinant(frame.normalize(pixel_grid(height, width, frame.scale.dtype)))
 
 
-@partial(jax.jit, static_argnames=("height", "width"))
+@partial(jax.jit, static_argnames=("height", "width", "shape"))
 def coverage(
-    mapping: CoordinateMap, height: int, width: int, *, frame: Frame | None = None
-) -> Bool[Array, "height width"]:
+    mapping: CoordinateMap,
+    height: int,
+    width: int,
+    *,
+    frame: Frame | None = None,
+    output_frame: Frame | None = None,
+    shape: tuple[int, int] | None = None,
+) -> Bool[Array, "new_height new_width"]:
     """Returns which output pixels of `warp(image, mapping)` have their source inside the picture.
 
     For `distort_image` the map is `lens.inverse()`. A source is inside if it lies on the area between the centres of
@@ -46,8 +60,11 @@ def coverage(
         height: Height of the picture, in pixels.
         width: Width of the picture, in pixels.
         frame: Ties pixels to normalized coordinates; Eq. 10's by default.
+        output_frame: As in `warp`.
+        shape: As in `warp`.
     """
-    return _inside(source_coordinates(mapping, height, width, frame=frame), height, width)
+    sources = source_coordinates(mapping, height, width, frame=frame, output_frame=output_frame, shape=shape)
+    return _inside(sources, height, width)
 
 
 def _inside(coordinates: Float[Array, "*batch 2"], height: int, width: int) -> Bool[Array, "*batch"]:
@@ -150,3 +167,82 @@ def zoom_to_fill(mapping: CoordinateMap, height: int, width: int, *, frame: Fram
     limit = jnp.asarray(10, frame.scale.dtype)
     _, high = lax.fori_loop(0, _BISECTIONS, halve, (-limit, limit))
     return jnp.where(fills(limit), jnp.exp2(high), jnp.nan)
+
+
+class Difference(eqx.Module):
+    """How two cameras differ over the picture of the first.
+
+    Attributes:
+        pixels: `(rows, columns, 2)` pixels of the first camera, (x, y) order.
+        offsets: `(rows, columns, 2)` from each to where the second, turned by `rotation`, sees the same ray, in pixels;
+            NaN where one of the two does not see it.
+        rotation: `(3, 3)` from the first camera's directions to the second's: the one that makes the mean square of the
+            offsets least, or the identity.
+    """
+
+    pixels: Float[Array, "rows columns 2"]
+    offsets: Float[Array, "rows columns 2"]
+    rotation: Float[Array, "3 3"]
+
+    @property
+    def distances(self) -> Float[Array, "rows columns"]:
+        """The lengths of the offsets, in pixels; NaN where there is none."""
+        return jnp.hypot(*split(self.offsets))
+
+    @property
+    def rms(self) -> Float[Array, ""]:
+        """The root of the mean squared distance, where there is one."""
+        return jnp.sqrt(jnp.nanmean(self.distances**2))
+
+
+@partial(jax.jit, static_argnames=("shape", "rotate"))
+def difference(
+    first: "Camera", second: "Camera", *, shape: tuple[int, int] = (31, 41), rotate: bool = True
+) -> Difference:
+    """Measures how two cameras differ over the picture of the first.
+
+    Two calibrations of one camera may call another direction its axis: boards that are turned along take no notice. So
+    the second is turned first to where the two agree best, as mrcal's `show-projection-diff` does with its
+    intrinsics alone. Pictures of another size are measured in the first camera's pixels by `camera.resized`.
+
+    Args:
+        first: A camera.
+        second: Another.
+        shape: Rows and columns of the grid of pixels, from edge to edge of the picture.
+        rotate: Whether the second is turned.
+
+    Returns:
+        A `Difference`.
+    """
+    rows, columns = (
+        jnp.linspace(-0.5, size - 0.5, n) for size, n in zip((first.height, first.width), shape, strict=True)
+    )
+    pixels = join(*jnp.meshgrid(columns, rows)).astype(first.frame.scale.dtype)
+    rays = first.unproject(pixels)
+    some = jnp.isfinite(rays).all(-1)
+    rays = jnp.where(some[..., None], rays, jnp.asarray([0, 0, 1], rays.dtype))
+
+    def offsets(rotation: Array) -> Array:
+        found = second.project(jnp.einsum("ij,...j->...i", rotation, rays)) - pixels
+        return masked(found, some)
+
+    def residuals(turn: Array, rotation: Array) -> Array:
+        left = offsets(_turned(turn) @ rotation)
+        return jnp.where(jnp.isfinite(left), left, 0).ravel()
+
+    def step(_, rotation: Array) -> Array:
+        still = jnp.zeros(3, rays.dtype)
+        value, jacobian = residuals(still, rotation), jax.jacfwd(residuals)(still, rotation)
+        return _turned(-solve_small(jacobian.T @ jacobian, jacobian.T @ value)) @ rotation
+
+    rotation = jnp.eye(3, dtype=rays.dtype)
+    if rotate:
+        rotation = lax.fori_loop(0, _TURNS, step, rotation)
+    return Difference(pixels, offsets(rotation), rotation)
+
+
+def _turned(turn: Float[Array, "3"]) -> Float[Array, "3 3"]:
+    """Returns the rotation about an axis by its length, in radians."""
+    import jaxlie
+
+    return jaxlie.SO3.exp(turn).as_matrix()

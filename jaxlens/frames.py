@@ -43,7 +43,7 @@ class Frame(eqx.Module):
         return cls([width / 2, height / 2], (width**2 + height**2) ** 0.5 / 2)
 
     @classmethod
-    def from_camera_matrix(cls, camera_matrix: Float[ArrayLike, "3 3"]) -> "Frame":
+    def from_camera_matrix(cls, camera_matrix: Float[ArrayLike, "3 3"] | Sequence) -> "Frame":
         """Returns the frame of a camera matrix `[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]` without skew."""
         matrix = camera_matrix if isinstance(camera_matrix, jax.Array) else np.asarray(camera_matrix)
         if matrix.shape != (3, 3):
@@ -64,6 +64,14 @@ class Frame(eqx.Module):
     def zoomed(self, zoom: ArrayLike) -> "Frame":
         """Returns the frame of a picture enlarged about this one's centre: `zoom` times the pixels per unit."""
         return type(self)(self.center, self.scale * zoom)
+
+    def stretched(self, wide: ArrayLike, tall: ArrayLike) -> "Frame":
+        """Returns the frame of a picture resized to that many times its width and height.
+
+        Pixel centres lie at integers: it is the picture's corners, at −1/2, that keep their place.
+        """
+        factors = jnp.stack([jnp.asarray(factor, self.scale.dtype) for factor in (wide, tall)])
+        return type(self)((self.center + 0.5) * factors - 0.5, self.scale * factors)
 
     def camera_matrix(self) -> Float[Array, "3 3"]:
         """Returns the frame as a camera matrix."""

@@ -88,6 +88,18 @@ def as_parameter(value: ArrayLike, name: str) -> Float[Array, ""]:
     return number
 
 
+def as_parameters(**values: ArrayLike) -> list[Float[Array, ""]]:
+    """Returns a lens's numbers, given by name, as arrays of one dtype: plain numbers take that of arrays beside them.
+
+    Raises:
+        ValueError: one of them is no single number.
+    """
+    arrays = [as_parameter(value, name) for name, value in values.items()]
+    typed = [array.dtype for array, value in zip(arrays, values.values(), strict=True) if hasattr(value, "dtype")]
+    dtype = jnp.result_type(*(typed or [float]))
+    return [array.astype(dtype) for array in arrays]
+
+
 def as_coefficients(values: ArrayLike | Sequence, name: str, meaning: str) -> Float[Array, " terms"]:
     """Returns the coefficients of a lens as a vector; OpenCV's 1×n and n×1 arrays are taken as such.
 
@@ -136,9 +148,9 @@ def as_rays(rays: ArrayLike | Sequence) -> Float[Array, "*batch 3"]:
     return array
 
 
-def split(points: Float[Array, "*batch 2"]) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
-    """Returns the x and y of points as two planes: arithmetic on planes is twice as fast as on pairs."""
-    return points[..., 0], points[..., 1]
+def split(points: Float[Array, "*batch axes"]) -> tuple[Any, ...]:
+    """Returns the x and y of points, or the x, y and z of rays, as planes: on them arithmetic is twice as fast."""
+    return tuple(points[..., axis] for axis in range(points.shape[-1]))
 
 
 def join(*planes: Float[Array, "*batch"]) -> Float[Array, "*batch axes"]:

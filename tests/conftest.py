@@ -8,6 +8,7 @@ import sys
 import tempfile
 
 import jax
+import jaxtyping
 import pytest
 
 
@@ -70,3 +71,11 @@ def dtype(request):
     """Runs a test in both precisions, and tells which."""
     with jax.enable_x64(request.param == "float64"):
         yield request.param
+
+
+@pytest.fixture
+def untyped():
+    """Leaves misuse to the functions themselves, as it is for users, who run without jaxtyping's hook."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)

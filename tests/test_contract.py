@@ -51,6 +51,8 @@ def free_form_3d(strength, dtype):
 
 # Each from a strength and a dtype; near the identity, and one-to-one on POINTS.
 EXAMPLES = {
+    "Barrel": lambda strength, dtype: jl.Barrel(np.asarray(strength / 9, dtype), -strength / 2, strength / 5),
+    "BarrelInverse": lambda strength, dtype: jl.BarrelInverse(np.asarray(strength / 9, dtype), strength / 2, 0.0),
     "BSplineField": lambda strength, dtype: deformations.BSplineField(
         lattice((6, 5, 2), strength / 8).astype(dtype), np.zeros(2, dtype), np.ones(2, dtype)
     ),
@@ -69,6 +71,7 @@ EXAMPLES = {
     "ExtendedUnifiedCamera": lambda strength, dtype: jl.ExtendedUnifiedCamera(
         np.asarray(0.5 + strength, dtype), np.asarray(1 + strength, dtype)
     ),
+    "FieldOfView": lambda strength, dtype: jl.FieldOfView(np.asarray(10 * strength, dtype)),
     "FreeForm": free_form,
     "FreeForm3D": free_form_3d,
     "Homography": homography,
@@ -77,8 +80,25 @@ EXAMPLES = {
     "OneToOne": lambda strength, dtype: jl.OneToOne(polynomial(strength, dtype)),
     "Orthographic": lambda strength, dtype: jl.Orthographic(),
     "Perspective": lambda strength, dtype: jl.Perspective(),
+    "Poly3": lambda strength, dtype: jl.Poly3(np.asarray(-strength, dtype)),
+    "Poly5": lambda strength, dtype: jl.Poly5(np.asarray(-strength, dtype), strength / 4),
+    "PtLens": lambda strength, dtype: jl.PtLens(np.asarray(strength / 9, dtype), -strength / 2, strength / 5),
     "RadialPolynomial": polynomial,
+    "RadialPowers": lambda strength, dtype: jl.RadialPowers(np.asarray([1, strength / 5, -strength], dtype)),
+    "RadialPowersInverse": lambda strength, dtype: jl.RadialPowersInverse(np.asarray([1, 0, strength], dtype)),
+    "RadTanThinPrismFisheye": lambda strength, dtype: jl.RadTanThinPrismFisheye(
+        np.asarray([-strength, strength / 4, 0, 0, 0, 0, *[strength / 50] * 6], dtype)
+    ),
+    "SplinedAngle": lambda strength, dtype: jl.SplinedAngle(
+        np.asarray([0.4, 0.8], dtype), np.asarray([0.4, 0.8 - strength / 4], dtype)
+    ),
+    "SplinedRadial": lambda strength, dtype: jl.SplinedRadial(
+        np.asarray([0.4, 0.8], dtype), np.asarray([0.4, 0.8 - strength / 4], dtype)
+    ),
     "Stereographic": lambda strength, dtype: jl.Stereographic(),
+    "ThinPrismFisheye": lambda strength, dtype: jl.ThinPrismFisheye(
+        np.asarray([-strength, strength / 4, *[strength / 50] * 6], dtype)
+    ),
     "UnifiedCamera": lambda strength, dtype: jl.UnifiedCamera(
         np.asarray(1 + strength, dtype), np.asarray([-strength, strength / 4, strength / 50, strength / 70], dtype)
     ),

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from jaxlens.cameras import Camera
     from jaxlens.fitting import Fit
     from jaxlens.frames import Frame
     from jaxlens.lenses import Lens
@@ -120,10 +121,23 @@ class Calibration:
                 f"the calibration is for pictures of {own_width} × {own_height} pixels, and this one has "
                 f"{width} × {height}: another shape, so it was cut or is another camera's"
             )
-        wide, tall = width / own_width, height / own_height
-        # Pixel centres at integers: it is the corners at −1/2 that keep their place.
-        center = ((self.center[0] + 0.5) * wide - 0.5, (self.center[1] + 0.5) * tall - 0.5)
-        return Frame(center, (self.scale[0] * wide, self.scale[1] * tall))
+        return Frame(self.center, self.scale).stretched(width / own_width, height / own_height)
+
+    def camera(self, height: int | None = None, width: int | None = None) -> "Camera":
+        """Returns the camera for pictures of that size, or for those that the calibration is for.
+
+        Raises:
+            CalibrationError: no size is given, and none is known; as `frame` and `lens`.
+        """
+        from jaxlens.cameras import Camera
+
+        if height is None or width is None:
+            if self.image_size is None:
+                raise CalibrationError(
+                    "the calibration does not say how large its pictures are: give their size, camera(height, width)"
+                )
+            width, height = self.image_size
+        return Camera(self.lens(), self.frame(height, width), width, height)
 
 
 def check_model(name: str) -> "type[Lens]":

@@ -17,6 +17,9 @@ _OPTIONS = {
     "quality=": "--quality ",
     "fill=": "--fill ",
     "fill takes": "--fill takes",
+    "keep=": "--view ",
+    "fov=": "--fov ",
+    "projection=": "--projection ",
     "by `free`": "by a smaller --terms",
     "One of your own is known once the module that registers it has been imported": (
         "For one of your own pass --model package.module:Class, too: that module is imported, and thus run"

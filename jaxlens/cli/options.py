@@ -125,6 +125,9 @@ def _read_number(word: str, largest: float, nan: bool) -> float:
 # Those of jaxlens.sampling, which imports JAX; a test holds them together.
 Method = Literal["nearest", "bilinear", "bicubic", "bicubic_opencv"]
 Border = Literal["constant", "edge", "reflect", "wrap"]
+# And those of jaxlens.cameras.
+Keep = Literal["same", "valid", "all"]
+ViewProjection = Literal["perspective", "cylindrical", "equirectangular", "stereographic"]
 
 Kappa = Annotated[Optional[Numbers], numbers("K1 [K2 ...]", largest=1e6), arg(aliases=["-k"], help_behavior_hint="")]
 

@@ -1,8 +1,8 @@
 """What `jaxlens distort` and `jaxlens undistort` share: their options, and pictures through a lens, cropped or not."""
 
-from dataclasses import dataclass, replace
-from functools import partial
-from typing import TYPE_CHECKING, Annotated, Literal, Optional
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Optional
 
 from tyro.conf import Positional, arg
 
@@ -11,9 +11,11 @@ from jaxlens.cli.inputs import read_picture
 from jaxlens.cli.jobs import Job, plan_jobs, run_jobs
 from jaxlens.cli.lenses import LensChoice, check_choice, choose_lens
 from jaxlens.cli.messages import CommandError, UsageError, describe, in_options, say
-from jaxlens.cli.outputs import has_quality, make_folder, write_picture
+from jaxlens.cli.outputs import has_quality, make_folder, write_calibration, write_picture
+from jaxlens.cli.views import AS_IT_IS, Direction, View, place
 
 if TYPE_CHECKING:
+    from jaxlens.calibrations import Calibration
     from jaxlens.images import Picture
 
 
@@ -67,12 +69,16 @@ class WarpArguments:
     max_pixels: options.MaxPixels = None
 
 
-def warp_pictures(arguments: WarpArguments, direction: Literal["distort", "undistort"]) -> int:
+def warp_pictures(
+    arguments: WarpArguments, direction: Direction, view: View = AS_IT_IS, camera_output: Path | None = None
+) -> int:
     """Puts pictures through a lens.
 
     Args:
         arguments: The pictures, the lens, and how to sample and write.
         direction: Apply the lens, or remove it.
+        view: What to show of a picture whose lens is removed.
+        camera_output: Where to write the camera of the results, one for all of them.
 
     Returns:
         The exit code: 0, or 1 where a picture failed.
@@ -81,12 +87,13 @@ def warp_pictures(arguments: WarpArguments, direction: Literal["distort", "undis
         UsageError: an option's value is out of bounds, or the file of the lens is no calibration.
     """
     _check(arguments)
+    view.check()
     jobs = plan_jobs(arguments.files, arguments.output)
     if arguments.quality is not None and not any(has_quality(job.target) for job in jobs):
         raise UsageError(f"--quality {arguments.quality} is for JPEG and WebP, and none will be written; leave it out")
     chosen = choose_lens(arguments.kappa, arguments.lens, arguments.model, arguments.center)
-    do = partial(_do, arguments, chosen, direction, set())
-    return run_jobs(jobs, do, direction, overwrite=arguments.overwrite)
+    warp = _Warp(arguments, chosen, direction, view, camera_output)
+    return run_jobs(jobs, warp, direction, overwrite=arguments.overwrite)
 
 
 def _check(arguments: WarpArguments) -> None:
@@ -100,64 +107,105 @@ def _check(arguments: WarpArguments) -> None:
     options.check_max_pixels(arguments.max_pixels)
 
 
-def _do(
-    arguments: WarpArguments, chosen: LensChoice, direction: Literal["distort", "undistort"], told: set[str], job: Job
-) -> str:
-    picture = read_picture(job.source, arguments.max_pixels)
-    try:
-        warped = _warped(picture, arguments, chosen, direction, told)
-    except ValueError as error:
-        raise CommandError(f"cannot {direction} {str(job.source)!r}: {in_options(error)}") from error
-    if job.folder is not None:
-        make_folder(job.folder)
-    quality = arguments.quality if has_quality(job.target) else None
-    write_picture(job.target, warped, overwrite=arguments.overwrite, quality=quality)
-    return f"{str(job.target)!r} ({describe(warped)})"
+@dataclass
+class _Warp:
+    """Warps one picture after another.
 
+    Attributes:
+        arguments: How to sample and write.
+        chosen: The lens.
+        direction: Apply it, or remove it.
+        view: What to show.
+        camera_output: Where the results' camera is written, with the first of them.
+        written: That camera, once it is.
+        told: The warnings that were given already.
+    """
 
-def _warped(
-    picture: "Picture",
-    arguments: WarpArguments,
-    chosen: LensChoice,
-    direction: Literal["distort", "undistort"],
-    told: set[str],
-) -> "Picture":
-    # Here, for JAX takes its time to import: a picture that cannot be read says so at once.
-    import jax
+    arguments: WarpArguments
+    chosen: LensChoice
+    direction: Direction
+    view: View
+    camera_output: Path | None
+    written: "Calibration | None" = None
+    told: set[str] = field(default_factory=set)
 
-    from jaxlens import images
-    from jaxlens.cli.coverage import find_fold, inner_rectangle, mapping_of
+    def __call__(self, job: Job) -> str:
+        """Warps the picture of a job; returns what was written, in words."""
+        arguments = self.arguments
+        picture = read_picture(job.source, arguments.max_pixels)
+        try:
+            warped, camera = self._warped(picture)
+        except ValueError as error:
+            raise CommandError(f"cannot {self.direction} {str(job.source)!r}: {in_options(error)}") from error
+        if self.written not in (None, camera):
+            raise CommandError(
+                f"{str(job.source)!r} has a camera other than the one in {str(self.camera_output)!r}, for its size is "
+                "another; run pictures of each size apart"
+            )
+        if job.folder is not None:
+            make_folder(job.folder)
+        quality = arguments.quality if has_quality(job.target) else None
+        write_picture(job.target, warped, overwrite=arguments.overwrite, quality=quality)
+        if self.camera_output is not None and self.written is None and camera is not None:
+            write_calibration(self.camera_output, camera, overwrite=arguments.overwrite)
+            self.written = camera
+        return f"{str(job.target)!r} ({describe(warped)})"
 
-    height, width = picture.pixels.shape[:2]
-    fold = find_fold(chosen, direction, height, width)
-    if fold is not None:
-        at = ""
-        if fold.radius is not None:
-            at = f" at the radius {fold.radius:.4g} ({fold.pixels:.1f} pixels from its centre)"
-        message = (
-            f"warning: the lens folds{at} in a picture of {width} × {height}: {fold.share:.2%} of the pixels have no "
-            "preimage and take the fill value"
+    def _warped(self, picture: "Picture") -> "tuple[Picture, Calibration | None]":
+        """The warped picture, and its camera if that is to be written."""
+        # Here, for JAX takes its time to import: a picture that cannot be read says so at once.
+        import jax
+
+        from jaxlens import images
+        from jaxlens.cli.coverage import inner_rectangle
+
+        arguments, (height, width) = self.arguments, picture.pixels.shape[:2]
+        with jax.enable_x64(True):
+            placed = place(self.chosen, self.direction, height, width, self.view)
+        self._warn(height, width)
+        warped = images.warp(
+            picture,
+            placed.mapping,
+            frame=placed.frame,
+            output_frame=placed.output_frame,
+            shape=placed.shape,
+            method=arguments.method,
+            border=arguments.border,
+            fill=arguments.fill,
+            antialias=arguments.antialias,
         )
-        if message not in told:
-            told.add(message)
+        top, left, (tall, wide) = 0, 0, placed.shape
+        if arguments.crop:
+            top, left, tall, wide = inner_rectangle(self.chosen, self.direction, height, width, self.view)
+        if tall == 0:
+            raise ValueError(
+                "no pixel of the result draws from inside the picture, and --crop would leave nothing; leave it out"
+            )
+        warped = replace(warped, pixels=warped.pixels[top : top + tall, left : left + wide])
+        if placed.camera is None or self.camera_output is None:
+            return warped, None
+        from jaxlens.calibrations import Calibration
+
+        with jax.enable_x64(True):
+            camera = placed.camera.cropped(top, left, tall, wide)
+            return warped, Calibration.from_lens(camera.lens, frame=camera.frame, image_size=(wide, tall))
+
+    def _warn(self, height: int, width: int) -> None:
+        """Warns, once, of pixels that the lens did not see."""
+        from jaxlens.cli.coverage import find_fold
+
+        fold = find_fold(self.chosen, self.direction, height, width, self.view)
+        if fold is None:
+            return
+        of = f"a picture of {width} × {height}: {fold.share:.2%} of the pixels"
+        at = (
+            ""
+            if fold.radius is None
+            else f" at the radius {fold.radius:.4g} ({fold.pixels:.1f} pixels from its centre)"
+        )
+        message = f"warning: the lens folds{at} in {of} have no preimage and take the fill value"
+        if self.view.fov is not None or self.view.projection != "perspective":
+            message = f"warning: the lens does not see all of the view of {of} take the fill value"
+        if message not in self.told:
+            self.told.add(message)
             say(message)
-    with jax.enable_x64(True):
-        lens, frame = chosen.place(height, width)
-        mapping = mapping_of(lens, direction)
-    warped = images.warp(
-        picture,
-        mapping,
-        frame=frame,
-        method=arguments.method,
-        border=arguments.border,
-        fill=arguments.fill,
-        antialias=arguments.antialias,
-    )
-    if not arguments.crop:
-        return warped
-    top, left, tall, wide = inner_rectangle(chosen, direction, height, width)
-    if tall == 0:
-        raise ValueError(
-            "no pixel of the result draws from inside the picture, and --crop would leave nothing; leave it out"
-        )
-    return replace(warped, pixels=warped.pixels[top : top + tall, left : left + wide])

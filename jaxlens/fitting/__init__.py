@@ -5,6 +5,8 @@ from jaxlens.fitting._boards import Validation as Validation
 from jaxlens.fitting._boards import calibrate as calibrate
 from jaxlens.fitting._boards import calibrated_parameters as calibrated_parameters
 from jaxlens.fitting._boards import validate as validate
+from jaxlens.fitting._conversion import Conversion as Conversion
+from jaxlens.fitting._conversion import convert as convert
 from jaxlens.fitting._curve import distortion_curve as distortion_curve
 from jaxlens.fitting._images import fit_images as fit_images
 from jaxlens.fitting._lines import fit_lines as fit_lines

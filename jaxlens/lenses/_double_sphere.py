@@ -31,6 +31,7 @@ class DoubleSphere(Projection):
     xi: Float[Array, ""]
     alpha: Float[Array, ""]
     term_counts: ClassVar[tuple[int, ...]] = ()
+    is_round: ClassVar[bool] = True
 
     def __init__(self, xi: ArrayLike, alpha: ArrayLike):
         self.xi, self.alpha = as_parameter(xi, "xi"), as_parameter(alpha, "alpha")

@@ -31,6 +31,7 @@ class ExtendedUnifiedCamera(Projection):
     alpha: Float[Array, ""]
     beta: Float[Array, ""]
     term_counts: ClassVar[tuple[int, ...]] = ()
+    is_round: ClassVar[bool] = True
 
     def __init__(self, alpha: ArrayLike, beta: ArrayLike):
         self.alpha, self.beta = as_parameter(alpha, "alpha"), as_parameter(beta, "beta")

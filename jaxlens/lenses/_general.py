@@ -120,7 +120,9 @@ def _on_its_ray(function: PlaneMap, region: Region, goal: Float[Array, "batch 2"
 
     Far out, where a high power rules, Newton's iteration would take long to get there from the centre.
     """
-    x, y = split(goal - function(region.center)[None])
+    x, y = split(goal)
+    image = function(region.center)
+    x, y = x - image[0], y - image[1]
     size = jnp.sqrt(x * x + y * y)
     unit = jnp.where(size > 0, 1 / jnp.where(size > 0, size, 1), 0)
     x, y = x * unit, y * unit
@@ -131,8 +133,10 @@ def _on_its_ray(function: PlaneMap, region: Region, goal: Float[Array, "batch 2"
     def bisect(_, bracket):
         low, high = bracket
         middle = jnp.sqrt(low) * jnp.sqrt(high)
-        u, v = split(function(point(middle)) - function(region.center)[None])
-        nearer = u * u + v * v < size * size  # false, too, where the lens is no longer finite
+        u, v = split(function(point(middle)))
+        nearer = (u - image[0]) ** 2 + (
+            v - image[1]
+        ) ** 2 < size * size  # false, too, where the lens is no longer finite
         return jnp.where(nearer, middle, low), jnp.where(nearer, high, middle)
 
     nearest = (1 - _MARGIN) * jnp.min(region.edges)

@@ -4,15 +4,14 @@ from typing import ClassVar
 
 from jaxtyping import Array, ArrayLike, Float
 
-from jaxlens.lenses._projections import Equidistant
+from jaxlens.lenses._angular_lens import AngularLens
 from jaxlens.lenses._radial_polynomial import RadialPolynomial
 from jaxlens.lenses._registry import register
-from jaxlens.lenses._wide_lens import DistortedProjection
 from jaxlens.numerics import as_coefficients
 
 
 @register("KannalaBrandt", short="kannala-brandt")
-class KannalaBrandt(DistortedProjection):
+class KannalaBrandt(AngularLens):
     """`r = θ (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸)`, θ the angle from the axis (Kannala and Brandt 2006).
 
     OpenCV's `fisheye`; COLMAP's OPENCV_FISHEYE (four coefficients), RADIAL_FISHEYE (two), SIMPLE_RADIAL_FISHEYE (one)
@@ -32,6 +31,7 @@ class KannalaBrandt(DistortedProjection):
 
     coefficients: Float[Array, " terms"]
     term_counts: ClassVar[tuple[int, ...]] = (4, 1, 2, 3)
+    is_round: ClassVar[bool] = True
 
     def __init__(self, coefficients: ArrayLike | list | tuple):
         self.coefficients = as_coefficients(coefficients, "KannalaBrandt", "k1, k2, k3, k4")
@@ -40,11 +40,6 @@ class KannalaBrandt(DistortedProjection):
     def identity(cls, *, terms: int | None = None) -> "KannalaBrandt":
         """Returns the equidistant lens: one to four zeros, four unless given."""
         return cls([0.0] * cls.count_terms(terms))
-
-    @property
-    def projection(self) -> Equidistant:
-        """Equidistant."""
-        return Equidistant()
 
     @property
     def plane(self) -> RadialPolynomial:

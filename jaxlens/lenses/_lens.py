@@ -32,6 +32,9 @@ class Lens(CoordinateMap):
     term_counts: ClassVar[tuple[int, ...]] = ()
     """How many coefficients `identity` can be asked for, the usual number first; none where there is no choice."""
 
+    is_round: ClassVar[bool] = False
+    """Whether the lens is the same when it is turned about its axis."""
+
     @classmethod
     def identity(cls, *, terms: int | None = None) -> "Lens":
         """Returns the lens that distorts nothing: where a fit starts that knows no better.
@@ -105,14 +108,31 @@ class Lens(CoordinateMap):
             `(..., 2)` observed points in normalized coordinates; NaN where the lens does not see: beyond its field,
             beyond a fold, or where a ray is zero or not finite. Derivatives are finite, in masked places zero.
         """
-        x, y, z = jnp.moveaxis(as_rays(rays), -1, 0)
-        ahead = z > 0
-        depth = jnp.where(ahead, z, 1)
-        x, y = x / depth, y / depth
-        ahead &= _squared_radius(x, y) < jnp.inf
-        ideal = join(jnp.where(ahead, x, 0), jnp.where(ahead, y, 0))
+        rays = as_rays(rays)
+        finite = jnp.all(jnp.isfinite(rays), axis=-1)
+        points, seen = self.observe(jnp.where(finite[..., None], rays, jnp.asarray([0, 0, 1], rays.dtype)))
+        return masked(points, finite & seen)
+
+    def observe(self, rays: Float[Array, "*batch 3"]) -> tuple[Float[Array, "*batch 2"], Bool[Array, "*batch"]]:
+        """Returns the observed points of finite rays, finite everywhere, and which of the rays the lens sees."""
+        ideal, ahead = on_the_plane(rays)
         seen = ahead & self.one_to_one(ideal)
-        return masked(self.distort(jnp.where(seen[..., None], ideal, 0)), seen)
+        return self.distort(jnp.where(seen[..., None], ideal, 0)), seen
+
+    def turned(self, quarters: int) -> "Lens":
+        """Returns the lens of pictures turned by quarters, as by `np.rot90`: (x, y) comes to (y, −x)."""
+        lens = self
+        for _ in range(quarters % 4):
+            lens = lens._turned_quarter()
+        return lens
+
+    def _turned_quarter(self) -> "Lens":
+        if self.is_round:
+            return self
+        # Here, for that lens is one itself.
+        from jaxlens.lenses._turned import Turned
+
+        return Turned(self, 1)
 
     @jitted
     def unproject(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 3"]:
@@ -186,7 +206,7 @@ class Lens(CoordinateMap):
         points = as_points(points)
         points = points.astype(jnp.promote_types(points.dtype, jnp.float32))
         lens, (x, y) = _in_common_dtype(self, split(points))
-        finite = _squared_radius(x, y) < jnp.inf
+        finite = squared_length(x, y) < jnp.inf
         x, y = jnp.where(finite, x, 0), jnp.where(finite, y, 0)
         *root, status = solve(*lax.stop_gradient((lens, x, y)))
         return lens, join(x, y), join(*root), jnp.where(finite, status, jnp.int8(InverseStatus.NOT_FINITE))
@@ -217,7 +237,7 @@ class RadialLens(Lens):
 
     def nearest_fold(self) -> Float[Array, ""]:
         """Returns the ideal radius about the origin of the nearest point of the fold; ∞ if there is none."""
-        return jnp.maximum(self.fold_radius() - jnp.sqrt(_squared_radius(*self.center)), 0)
+        return jnp.maximum(self.fold_radius() - jnp.sqrt(squared_length(*self.center)), 0)
 
     def surely_one_to_one(self, points: Float[Array, "*batch 2"]) -> None:
         """Returns None: to compare each point's radius with the fold's is as quick."""
@@ -244,6 +264,10 @@ class RadialLens(Lens):
         """Returns the points at offsets (x, y) times `factor` from the centre of distortion."""
         return join(self.center[0] + x * factor, self.center[1] + y * factor)
 
+    def _turned_quarter(self) -> "RadialLens":
+        x, y = self.center
+        return eqx.tree_at(lambda lens: lens.center, self, join(y, -x))
+
     def edge_radius(self) -> Float[Array, ""]:
         """Returns the observed radius of the fold, beyond which nothing is seen; ∞ if there is none."""
         fold = self.fold_radius()
@@ -264,7 +288,7 @@ class RadialLens(Lens):
             centre and in masked places (at the fold itself the true derivative is infinite).
         """
         x, y = self.offset(points)
-        scale, status = self._ideal_scale(_squared_radius(x, y))
+        scale, status = self.ideal_scale(squared_length(x, y))
         finite = status != InverseStatus.NOT_FINITE
         points = self.scaled(jnp.where(finite, x, 0), jnp.where(finite, y, 0), scale)
         return Inverse(points, status == InverseStatus.CONVERGED, status)
@@ -273,7 +297,7 @@ class RadialLens(Lens):
     def preimages(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 2"]:
         """Returns the points of `invert`, NaN where they are not valid."""
         x, y = self.offset(points)
-        scale, status = self._ideal_scale(_squared_radius(x, y))
+        scale, status = self.ideal_scale(squared_length(x, y))
         # The mask travels as NaN in the one scale: computing it again for both coordinates would cost more than all
         # the rest. Where it is NaN the product is formed with zero, for the sake of its derivative.
         scale = jnp.where(status == InverseStatus.CONVERGED, scale, jnp.nan)
@@ -289,7 +313,7 @@ class RadialLens(Lens):
         """Returns the observed radius of ideal radii, ρ Φ(ρ²)."""
         return radius * self.factor(radius * radius)
 
-    def _ideal_scale(self, squared: Float[Array, "*batch"]) -> tuple[Float[Array, "*batch"], Int8[Array, "*batch"]]:
+    def ideal_scale(self, squared: Float[Array, "*batch"]) -> tuple[Float[Array, "*batch"], Int8[Array, "*batch"]]:
         """Returns the ratio of ideal to observed radius at squared observed radii, and the `InverseStatus`."""
         finite = squared <= jnp.finfo(squared.dtype).max
         lens, squared = _in_common_dtype(self, jnp.where(finite, squared, 0))
@@ -339,20 +363,30 @@ def _solve(
 
 
 @jax.custom_jvp
-def _squared_radius(x: Array, y: Array) -> Array:
+def squared_length(x: Array, y: Array) -> Array:
     """Returns `x² + y²`, or ∞ where that is not finite."""
     squared = x * x + y * y
     # A comparison, because XLA would rather write a plane to memory than compute `isfinite` twice.
     return jnp.where(squared <= jnp.finfo(squared.dtype).max, squared, jnp.inf)
 
 
-@_squared_radius.defjvp
-def _squared_radius_jvp(primals, tangents):
+@squared_length.defjvp
+def _squared_length_jvp(primals, tangents):
     x, y = primals
-    squared = _squared_radius(x, y)
+    squared = squared_length(x, y)
     finite = squared < jnp.inf
     x, y = jnp.where(finite, x, 0), jnp.where(finite, y, 0)
     return squared, 2 * (x * tangents[0] + y * tangents[1])
+
+
+def on_the_plane(rays: Float[Array, "*batch 3"]) -> tuple[Float[Array, "*batch 2"], Bool[Array, "*batch"]]:
+    """Returns the points (x, y) / z of rays, and which of them lie ahead; those that do not are at the origin."""
+    x, y, z = split(rays)
+    ahead = z > 0
+    depth = jnp.where(ahead, z, 1)
+    x, y = x / depth, y / depth
+    ahead &= squared_length(x, y) < jnp.inf
+    return join(jnp.where(ahead, x, 0), jnp.where(ahead, y, 0)), ahead
 
 
 def _unit_ray(x: Array, y: Array) -> Float[Array, "*batch 3"]:

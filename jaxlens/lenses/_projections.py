@@ -7,15 +7,11 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
+from jaxlens.lenses._angles import angle_over_radius, sine_and_cosine
+from jaxlens.lenses._lens import on_the_plane
 from jaxlens.lenses._registry import register
 from jaxlens.lenses._wide_lens import Plane, Projection, unit
-from jaxlens.numerics import join, polynomial, split
-
-# Below this square of an angle or a sine series take over, with so many terms that the rest is below rounding.
-_NEAR = 1e-2
-_ARCSINE = (1.0, 1 / 6, 3 / 40, 5 / 112, 35 / 1152, 63 / 2816, 231 / 13312, 143 / 10240)
-_SINE = (1.0, -1 / 6, 1 / 120, -1 / 5040, 1 / 362880, -1 / 39916800)
-_COSINE = (1.0, -1 / 2, 1 / 24, -1 / 720, 1 / 40320, -1 / 3628800)
+from jaxlens.numerics import join, split
 
 _Observed = tuple[Float[Array, "*batch 2"], Bool[Array, "*batch"]]
 _Raised = tuple[Float[Array, "*batch 3"], Bool[Array, "*batch"]]
@@ -25,6 +21,7 @@ class _Plain(Projection):
     """A projection without parameters."""
 
     term_counts: ClassVar[tuple[int, ...]] = ()
+    is_round: ClassVar[bool] = True
     largest_angle: ClassVar[float] = np.pi
 
     @classmethod
@@ -47,12 +44,7 @@ class Perspective(_Plain):
 
     def observe(self, rays: Float[Array, "*batch 3"]) -> _Observed:
         """Returns the observed points of finite rays, and which of them lie ahead."""
-        x, y, z = jnp.moveaxis(rays, -1, 0)
-        ahead = z > 0
-        depth = jnp.where(ahead, z, 1)
-        x, y = x / depth, y / depth
-        ahead &= x * x + y * y < jnp.inf
-        return join(jnp.where(ahead, x, 0), jnp.where(ahead, y, 0)), ahead
+        return on_the_plane(rays)
 
     def raised(self, points: Float[Array, "*batch 2"]) -> _Raised:
         """Returns the unit rays of observed points."""
@@ -72,14 +64,14 @@ class Equidistant(_Plain):
         """Returns the observed points of finite rays; the antipode and the zero ray are not seen."""
         x, y, z, some = unit(rays)
         squared = x * x + y * y
-        scale = _angle_over_sine(squared, z)
+        scale = angle_over_radius(squared, z)
         return join(x * scale, y * scale), some & ((z > 0) | (squared > 0))
 
     def raised(self, points: Float[Array, "*batch 2"]) -> _Raised:
         """Returns the unit rays of observed points; those with r < π are of one."""
         x, y = split(points)
         squared = x * x + y * y
-        sine, cosine = _sine_and_cosine(squared)
+        sine, cosine = sine_and_cosine(squared)
         return join(x * sine, y * sine, cosine), squared < np.pi**2
 
 
@@ -150,6 +142,8 @@ class Equirectangular(_Plain):
     Sees all but straight up and straight down. Its picture of 2π by π is the usual panorama of a whole sphere.
     """
 
+    is_round: ClassVar[bool] = False
+
     def observe(self, rays: Float[Array, "*batch 3"]) -> _Observed:
         """Returns the observed points of finite rays; the poles, which have no longitude, are not seen."""
         x, y, z, distance, beside = _about_the_vertical(rays)
@@ -170,6 +164,8 @@ class Cylindrical(_Plain):
     Verticals stay straight; it sees all but straight up and straight down.
     """
 
+    is_round: ClassVar[bool] = False
+
     def observe(self, rays: Float[Array, "*batch 3"]) -> _Observed:
         """Returns the observed points of finite rays; those straight up or down are not seen."""
         x, y, z, distance, beside = _about_the_vertical(rays)
@@ -189,19 +185,3 @@ def _about_the_vertical(rays: Float[Array, "*batch 3"]) -> tuple[Plane, Plane, P
     beside = some & (squared > 0)
     z = jnp.where(beside, z, 1)
     return x, y, z, jnp.sqrt(jnp.where(beside, squared, 1)), beside
-
-
-def _angle_over_sine(squared_sine: Plane, cosine: Plane) -> Plane:
-    """Returns θ / sin θ from sin² θ and cos θ: smooth on the axis; large, not infinite, at the antipode."""
-    near = (squared_sine < _NEAR) & (cosine > 0)
-    sine = jnp.sqrt(jnp.where(near, 1, jnp.maximum(squared_sine, jnp.finfo(squared_sine.dtype).tiny)))
-    series = polynomial(_ARCSINE, jnp.where(near, squared_sine, 0))
-    return jnp.where(near, series, jnp.arctan2(sine, cosine) / sine)
-
-
-def _sine_and_cosine(squared_angle: Plane) -> tuple[Plane, Plane]:
-    """Returns sin θ / θ and cos θ from θ²: smooth at zero."""
-    near = squared_angle < _NEAR
-    small, angle = jnp.where(near, squared_angle, 0), jnp.sqrt(jnp.where(near, 1, squared_angle))
-    sine = jnp.where(near, polynomial(_SINE, small), jnp.sin(angle) / angle)
-    return sine, jnp.where(near, polynomial(_COSINE, small), jnp.cos(angle))

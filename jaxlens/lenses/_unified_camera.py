@@ -88,6 +88,12 @@ class UnifiedCamera(DistortedProjection):
         """Brown–Conrady's terms."""
         return BrownConrady(self.coefficients) if self.coefficients.shape[0] else Perspective()
 
+    def _turned_quarter(self) -> Lens:
+        plane = self.plane.turned(1)
+        if isinstance(plane, BrownConrady):
+            return UnifiedCamera(self.xi, plane.coefficients)
+        return self if plane.is_round else super()._turned_quarter()
+
     def parameter_names(self, field: str, shape: tuple[int, ...]) -> list[str]:
         """Returns xi, and OpenCV's names of the coefficients."""
         return ["xi"] if field == "xi" else BrownConrady(jnp.zeros(shape)).parameter_names(field, shape)

@@ -8,7 +8,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 
 from jaxlens.lenses._lens import Lens
 from jaxlens.maps import Inverse, InverseStatus, inverse_status
-from jaxlens.numerics import as_points, as_rays, epsilon, jitted, join, masked, split
+from jaxlens.numerics import as_points, epsilon, jitted, join, masked, split
 
 Plane = Float[Array, "*batch"]
 
@@ -27,14 +27,6 @@ class WideLens(Lens):
     def needs_frame(self) -> bool:
         """True: the coordinates are those of a camera."""
         return True
-
-    @jitted
-    def project(self, rays: Float[ArrayLike, "*batch 3"]) -> Float[Array, "*batch 2"]:
-        """Maps rays `(..., 3)` of any length to observed points, NaN where it does not see (see `Lens.project`)."""
-        rays = as_rays(rays)
-        finite = jnp.all(jnp.isfinite(rays), axis=-1)
-        points, seen = self.observe(jnp.where(finite[..., None], rays, jnp.asarray([0, 0, 1], rays.dtype)))
-        return masked(points, finite & seen)
 
     def unproject(self, points: Float[ArrayLike, "*batch 2"]) -> Float[Array, "*batch 3"]:
         """Maps observed points `(..., 2)` to unit rays `(..., 3)`, exactly; NaN where there is none."""
@@ -56,6 +48,8 @@ class WideLens(Lens):
     @jitted
     def one_to_one(self, points: Float[ArrayLike, "*batch 2"]) -> Bool[Array, "*batch"]:
         """Tells whether the lens sees ideal points of the plane z = 1."""
+        if self.is_round:
+            return self._before_the_fold(points)
         return self.observe(_on_the_plane(points))[1]
 
     def nearest_fold(self) -> Float[Array, ""]:
@@ -64,16 +58,19 @@ class WideLens(Lens):
         ahead = angle < jnp.pi / 2
         return jnp.where(ahead, jnp.tan(jnp.where(ahead, angle, 0)), jnp.inf)
 
-    def surely_one_to_one(self, points: Float[Array, "*batch 2"]) -> Bool[Array, "*batch"]:
-        """Tells whether ideal points lie nearer to the axis than the nearest fold."""
-        x, y = split(points)
+    def surely_one_to_one(self, points: Float[Array, "*batch 2"]) -> Bool[Array, "*batch"] | None:
+        """Tells whether ideal points lie nearer to the axis than the nearest fold; of a round lens each is asked."""
+        return None if self.is_round else self._before_the_fold(points)
+
+    def _before_the_fold(self, points: ArrayLike) -> Bool[Array, "*batch"]:
+        x, y = split(as_points(points))
         return x * x + y * y <= lax.stop_gradient(self.nearest_fold()) ** 2
 
     @jitted
     def invert(self, points: Float[ArrayLike, "*batch 2"]) -> Inverse:
         """Finds the ideal points of observed ones on the plane z = 1; a ray with z ≤ 0 has none."""
         found = self.invert_projection(points)
-        x, y, z = jnp.moveaxis(found.points, -1, 0)
+        x, y, z = split(found.points)
         # So near to the plane's horizon that the point is lost in rounding.
         ahead = z > epsilon(z.dtype)
         missed = (found.status == InverseStatus.CONVERGED) & ~ahead
@@ -160,14 +157,21 @@ def _on_the_plane(points: ArrayLike) -> Float[Array, "*batch 3"]:
     return join(x, y, jnp.ones_like(x))
 
 
-def unit(rays: Float[Array, "*batch 3"]) -> tuple[Plane, Plane, Plane, Bool[Array, "*batch"]]:
-    """Returns the x, y and z of rays made to have length one, and which had a length; the rest point forward."""
-    x, y, z = jnp.moveaxis(rays, -1, 0)
-    # The largest coordinate first, so that no square overflows or vanishes. What depends on a direction alone does not
-    # change with the length, so the factor may count as a constant.
+def scaled(rays: Float[Array, "*batch 3"]) -> tuple[Plane, Plane, Plane, Bool[Array, "*batch"]]:
+    """Returns the x, y and z of rays of which no square overflows or vanishes, and which had a length.
+
+    Those that had none point forward.
+    """
+    x, y, z = split(rays)
+    # What depends on a direction alone does not change with the length, so the factor may count as a constant.
     size = lax.stop_gradient(jnp.maximum(jnp.maximum(jnp.abs(x), jnp.abs(y)), jnp.abs(z)))
     some = size > 0
     inverse = 1 / jnp.where(some, size, 1)
-    x, y, z = x * inverse, y * inverse, jnp.where(some, z * inverse, 1)
+    return x * inverse, y * inverse, jnp.where(some, z * inverse, 1), some
+
+
+def unit(rays: Float[Array, "*batch 3"]) -> tuple[Plane, Plane, Plane, Bool[Array, "*batch"]]:
+    """Returns the x, y and z of rays made to have length one, and which had a length; the rest point forward."""
+    x, y, z, some = scaled(rays)
     scale = lax.rsqrt(x * x + y * y + z * z)
     return x * scale, y * scale, z * scale, some

@@ -264,8 +264,10 @@ def test_a_new_command_is_a_file_and_a_line(run, tmp_path, monkeypatch):
 
 
 def test_choices_are_those_of_the_library():
-    from jaxlens import meshes, sampling
+    from jaxlens import cameras, meshes, sampling
 
+    assert get_args(options.Keep) == get_args(cameras.Keep)
+    assert get_args(options.ViewProjection) == get_args(cameras.ViewProjection)
     assert get_args(options.Method) == get_args(sampling.Method)
     assert get_args(options.Border) == get_args(sampling.Border)
     assert inputs._MESHES == meshes.SUFFIXES

@@ -1,21 +1,26 @@
 """The Brown–Conrady lens: a point by hand, OpenCV in both directions, derivatives, and where it folds."""
 
+from functools import partial
+
 import cv2
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from preimages import check_against_a_search
 
 import jaxlens as jl
 
-# A mild lens of each length that OpenCV's order has; all are one-to-one on POINTS.
+# A mild lens of the lengths that OpenCV's order has (that of 12 is in the last one); all are one-to-one on POINTS.
 COEFFICIENTS = {
     4: [-0.28, 0.09, 1.5e-3, -8e-4],
     5: [-0.31, 0.12, -2e-3, 1e-3, -0.02],
     8: [0.6, -0.2, 1e-3, 2e-3, 0.05, 0.85, 0.02, 0.08],
+    14: [0.6, -0.2, 1e-3, 2e-3, 0.05, 0.85, 0.02, 0.08, 4e-3, -2e-3, -3e-3, 1e-3, 0.06, -0.04],
 }
 POINTS = np.random.default_rng(0).uniform(-0.55, 0.55, (400, 2))
 counts = pytest.mark.parametrize("count", COEFFICIENTS)
+_TILTED = pytest.param(14, marks=pytest.mark.slow)
 
 
 def _opencv_distort(points, coefficients):
@@ -43,6 +48,11 @@ def _opencv_undistort(points, coefficients):
         ([0.0, 0.0, 0.0, 0.0, 0.0, 4.0, 0.0, 0.0], [0.15, 0.2]),
         ([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 16.0, 0.0], [0.15, 0.2]),
         ([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 64.0], [0.15, 0.2]),
+        ([0.0] * 8 + [0.4, 1.6, -0.4, 3.2], [0.3 + 0.1 + 0.1, 0.4 - 0.1 + 0.2]),
+        # sin τ = 0.6: the sensor sees it at depth 0.8 − 0.4 · 0.6, 0.8 + 0.3 · 0.6, and 0.64 + 0.3 · 0.6 − 0.4 · 0.48.
+        ([0.0] * 12 + [np.arcsin(0.6), 0.0], [0.24 / 0.56, 0.4 / 0.56]),
+        ([0.0] * 12 + [0.0, np.arcsin(0.6)], [0.3 / 0.98, 0.32 / 0.98]),
+        ([0.0] * 12 + [np.arcsin(0.6), np.arcsin(0.6)], [0.24 / 0.628, (0.32 - 0.3 * 0.36) / 0.628]),
     ],
 )
 def test_a_point_by_hand(dtype, coefficients, expected):
@@ -103,7 +113,7 @@ def test_jacobian(x64, count):
         np.testing.assert_allclose(jacobian[..., column], differences, rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("count", [5, 8])
+@pytest.mark.parametrize("count", [5, 8, _TILTED])
 def test_derivatives_by_the_coefficients(x64, count):
     """Of distort against those that OpenCV writes out; of the inverse against what the implicit function implies."""
     lens = jl.BrownConrady(COEFFICIENTS[count])
@@ -158,7 +168,7 @@ def test_whatever_the_lens_a_valid_inverse_maps_back(x64):
     """Hundreds of wild lenses, folding ones and ones with poles among them."""
     random = np.random.default_rng(2)
     shares = []
-    for count in COEFFICIENTS:
+    for count in (4, 5, 8):
         for _ in range(100):
             k = random.uniform(-1, 1, count)
             k[2:4] *= 0.1
@@ -174,7 +184,7 @@ def test_whatever_the_lens_a_valid_inverse_maps_back(x64):
     assert 0.4 < np.mean(shares) < 0.99
 
 
-@pytest.mark.parametrize("count", [5, 8])
+@pytest.mark.parametrize("count", [5, 8, _TILTED])
 def test_batches(x64, count):
     coefficients = np.array(COEFFICIENTS[count]) * np.random.default_rng(3).uniform(0, 1, (4, 1))
     lenses = jax.vmap(jl.BrownConrady)(jnp.asarray(coefficients))
@@ -189,9 +199,9 @@ def test_batches(x64, count):
     assert lens.undistort(jnp.zeros((0, 2))).shape == (0, 2)
 
 
-@pytest.mark.parametrize("shape", [(0,), (3,), (6,), (7,), (9,), (12,), (14,), (3, 1)])
+@pytest.mark.parametrize("shape", [(0,), (3,), (6,), (7,), (9,), (13,), (15,), (3, 1)])
 def test_a_wrong_number_of_coefficients(shape):
-    with pytest.raises(ValueError, match=f"that is 4, 5 or 8 numbers, got {shape[0]}"):
+    with pytest.raises(ValueError, match=f"that is 4, 5, 8, 12 or 14 numbers, got {shape[0]}"):
         jl.BrownConrady(np.zeros(shape))
 
 
@@ -252,13 +262,14 @@ def test_without_tangential_terms_valid_is_what_the_radial_lens_says(x64, radial
     np.testing.assert_allclose(found.points[valid], reference.points[valid], rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("count", [5, 8])
+@pytest.mark.parametrize("count", [5, 8, _TILTED])
 def test_single_precision_says_what_double_does(count):
     """Strong lenses, most of which fold or have poles: every status, but next to an edge, where rounding decides."""
     random = np.random.default_rng(7)
     tangential = random.normal(0, 0.005, (12, 2))
     lenses = random.normal(0, random.choice([0.1, 0.3, 1.0], (12, 1)), (12, count))
     lenses[:, 2:4] = tangential
+    lenses[:, 8:] *= 0.3
     points = random.uniform(-1, 1, (12, 3000, 2)).astype(np.float32)
     lenses = lenses.astype(np.float32)
 
@@ -286,6 +297,10 @@ def test_single_precision_says_what_double_does(count):
         [-0.2522, -0.3185, 0.0011, 0.001, 0.3303, 0.4954, 0.1703, -0.075],
         # A pole at 1.2234, and a zero that nearly cancels it at 1.2240: the determinant is negative between them only.
         [0.0143, 0.5782, 0.0003, -0.0008, -0.6898, 0.061, -0.2281, -0.1731],
+        # A sensor turned so far that it stands in the way of the light: from 0.42 on it is seen from behind.
+        pytest.param(
+            [-0.28, 0.03, 1e-3, -2e-3, 0.1, 0.0, 0.0, 0.0, 0.01, 0.0, -0.02, 0.0, 0.9, -0.7], marks=pytest.mark.slow
+        ),
     ],
 )
 def test_narrow_folds_are_seen_by_brute_force(x64, coefficients):
@@ -312,3 +327,111 @@ def test_narrow_folds_are_seen_by_brute_force(x64, coefficients):
     size = np.hypot(*np.moveaxis(np.asarray(inverse.points), -1, 0))
     beyond = np.asarray(inverse.valid) & ~expected & known
     assert (size[beyond] < asked[None].repeat(120, axis=0)[beyond]).all()
+
+
+def test_beyond_the_horizon_of_a_tilted_sensor_nothing_is_valid(x64):
+    """τy = asin 0.6 alone: points with 0.8 + 0.6 x > 0 are seen, at x / (0.8 + 0.6 x), which is less than 1 / 0.6."""
+    lens = jl.BrownConrady([0.0] * 13 + [np.arcsin(0.6)])
+    assert lens.one_to_one(np.asarray([[-1.3, 0.2], [-1.4, 0.2], [0.0, 9.0]])).tolist() == [True, False, True]
+    observed = np.asarray([[1.6, 0.0], [1.7, 0.0], [-40.0, 3.0], [np.nan, 0.0], [np.inf, 1.0], [-np.inf, 1.0]])
+    # As many as the other tests have: what they compiled will do.
+    observed = np.resize(observed, POINTS.shape)
+    inverse = lens.invert(observed)
+    status = jl.InverseStatus
+    seen, behind, lost = status.CONVERGED, status.NO_PREIMAGE, status.NOT_FINITE
+    assert inverse.status[:6].tolist() == [seen, behind, seen, lost, lost, lost]
+    assert np.isnan(lens.undistort(observed)).all(axis=-1)[:6].tolist() == [False, True, False, True, True, True]
+    assert bool(jnp.all(jnp.isfinite(inverse.points)))
+    np.testing.assert_allclose(inverse.points[0], [1.28 / 0.04, 0.0], rtol=1e-13, atol=1e-13)
+    assert float(inverse.points[1, 0]) > 1e3, "the one behind has a distant one in its stead"
+    # Turned by more than a right angle the sensor sees nothing.
+    averted = jl.BrownConrady([0.0] * 13 + [2.0])
+    assert not averted.invert(observed).valid.any()
+    assert not averted.one_to_one(observed[:3]).any()
+
+
+@pytest.mark.slow
+def test_derivatives_beyond_the_horizon_are_finite(x64):
+    lens = jl.BrownConrady([0.0] * 13 + [np.arcsin(0.6)])
+    observed = jnp.asarray([[1.6, 0.0], [1.7, 0.0], [-40.0, 3.0], [np.nan, 0.0], [-np.inf, 1.0]])
+
+    def total(lens, points):
+        found = lens.invert(points)
+        return jnp.nansum(lens.undistort(points)) + jnp.sum(jnp.where(found.valid[:, None], found.points, 0))
+
+    for leaf in jax.tree.leaves(jax.grad(total, (0, 1))(lens, observed)):
+        assert bool(jnp.all(jnp.isfinite(leaf)))
+
+
+def _turned(points):
+    return np.stack([points[..., 1], -points[..., 0]], axis=-1)
+
+
+@pytest.mark.parametrize("tilt", [(0.1, 0.0), (0.0, -0.2), ()])
+def test_turned_by_a_quarter_it_is_the_lens_of_the_turned_picture(x64, tilt):
+    lens = jl.BrownConrady([*COEFFICIENTS[14][:12], *tilt])
+    for _ in range(4):
+        turned = lens.turned(1)
+        np.testing.assert_allclose(
+            turned.distort(_turned(POINTS)), _turned(np.asarray(lens.distort(POINTS))), rtol=0, atol=1e-15
+        )
+        lens = turned
+    np.testing.assert_array_equal(lens.coefficients, jnp.asarray([*COEFFICIENTS[14][:12], *tilt]))
+    assert jl.BrownConrady([1.0, 2.0, 3.0, 4.0]).turned(1).coefficients.tolist() == [1, 2, -4, 3]
+
+
+def test_a_sensor_tilted_about_both_axes_is_turned_by_a_lens_around_it(x64):
+    lens = jl.BrownConrady(COEFFICIENTS[14])
+    for turn in (lambda lens: lens.turned(1), jax.jit(lambda lens: lens.turned(1))):
+        found = turn(lens).distort(_turned(POINTS))
+        np.testing.assert_allclose(found, _turned(np.asarray(lens.distort(POINTS))), rtol=0, atol=1e-14)
+    assert type(lens.turned(4)) is jl.BrownConrady
+
+
+def _by_the_documentation(points, coefficients):
+    """OpenCV's equations as its documentation writes them, with the sensor's two matrices, for complex numbers too."""
+    k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, tilt_x, tilt_y = np.pad(coefficients, (0, 14 - len(coefficients)))
+    x, y = points
+    s = x * x + y * y
+    factor = (1 + s * (k1 + s * (k2 + s * k3))) / (1 + s * (k4 + s * (k5 + s * k6)))
+    across = x * factor + 2 * p1 * x * y + p2 * (s + 2 * x * x) + s1 * s + s2 * s * s
+    down = y * factor + p1 * (s + 2 * y * y) + 2 * p2 * x * y + s3 * s + s4 * s * s
+    about_x = [[1, 0, 0], [0, np.cos(tilt_x), np.sin(tilt_x)], [0, -np.sin(tilt_x), np.cos(tilt_x)]]
+    about_y = [[np.cos(tilt_y), 0, -np.sin(tilt_y)], [0, 1, 0], [np.sin(tilt_y), 0, np.cos(tilt_y)]]
+    turn = np.array(about_y) @ np.array(about_x)
+    a, b, c = turn[:, 2]
+    u, v, w = np.einsum(
+        "ij,j...->i...", np.array([[c, 0, -a], [0, c, -b], [0, 0, 1]]) @ turn, [across, down, 1 + 0 * s]
+    )
+    return np.stack([u / w, v / w])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [12, 14])
+def test_flags_against_every_preimage_that_a_search_finds(x64, count):
+    random = np.random.default_rng(count)
+    answers = []
+    for _ in range(20):
+        k = random.normal(0, random.choice([0.1, 0.3]), count)
+        k[2:4] *= 0.1
+        k[8:12] *= 0.2
+        k[12:] = random.uniform(-1, 1, count - 12)
+        observed = random.uniform(-1.5, 1.5, (60, 2))
+        inverse = jl.BrownConrady(k).invert(observed)
+        equation = partial(_by_the_documentation, coefficients=k)
+        check_against_a_search(equation, observed, inverse.points, inverse.valid)
+        answers.append(np.asarray(inverse.valid))
+    assert 0.2 < np.mean(answers) < 0.95
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [4, 5, 8, 12, 14])
+def test_distort_is_opencv_s_whatever_the_lens(x64, count):
+    random = np.random.default_rng(count)
+    for _ in range(20):
+        points = random.uniform(-1, 1, (10_000, 2))
+        k = random.uniform(-0.3, 0.3, count)
+        k[2:4] *= 0.1
+        theirs = _opencv_distort(points, k)
+        errors = np.abs(np.asarray(jl.BrownConrady(k).distort(points)) - theirs)
+        assert np.all(errors <= 1e-10 * np.hypot(*theirs.T)[:, None])

@@ -61,6 +61,6 @@ def test_batches(x64):
         np.testing.assert_allclose(each, jl.Division(k).undistort(points), rtol=1e-15)
 
 
-def test_one_number_is_a_lens():
-    with pytest.raises(ValueError, match="k must be a number, got shape"):
-        jl.Division(np.array([0.1, 0.2]))
+def test_a_number_or_a_list_is_a_lens():
+    with pytest.raises(ValueError, match="k must be a number, or a list of one or more, got shape"):
+        jl.Division(np.array([[0.1, 0.2]]))

@@ -17,7 +17,7 @@ def test_ours_are_there():
         assert find_lens(name) is lens
     for name, lens in OURS.items():
         assert registered_name(lens) == name
-    with pytest.raises(ValueError, match="no lens 'fisheye'; there are brown-conrady, division, radial"):
+    with pytest.raises(ValueError, match=r"no lens 'fisheye'; there are .*brown-conrady, division, .*radial"):
         find_lens("fisheye")
 
 
