@@ -2,6 +2,7 @@
 
 from typing import ClassVar
 
+import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from jaxlens.lenses._lens import Lens
@@ -67,6 +68,10 @@ class ThinPrismFisheye(_Fisheye):
         """The terms, of an equidistant point."""
         return _ThinPrism(self.coefficients)
 
+    def _turned_quarter(self) -> "ThinPrismFisheye":
+        k1, k2, p1, p2, k3, k4, sx1, sy1 = self.coefficients
+        return ThinPrismFisheye(jnp.stack([k1, k2, -p2, p1, k3, k4, sy1, -sx1]))
+
 
 @register("RadTanThinPrismFisheye", short="rad-tan-thin-prism-fisheye")
 class RadTanThinPrismFisheye(_Fisheye):
@@ -93,6 +98,11 @@ class RadTanThinPrismFisheye(_Fisheye):
     def plane(self) -> Lens:
         """The terms, of an equidistant point."""
         return _RadTanThinPrism(self.coefficients)
+
+    def _turned_quarter(self) -> "RadTanThinPrismFisheye":
+        p0, p1, s0, s1, s2, s3 = self.coefficients[6:]
+        turned = jnp.stack([p1, -p0, s2, s3, -s0, -s1])
+        return RadTanThinPrismFisheye(jnp.concatenate([self.coefficients[:6], turned]))
 
 
 class _ThinPrism(Lens):

@@ -115,6 +115,16 @@ def test_single_precision_comes_back(lens):
         assert FOCAL * np.max(np.abs(np.asarray(ours.project(back)) - np.asarray(observed))) < 5e-3
 
 
+@lenses
+def test_turned_it_is_the_lens_of_the_turned_picture(x64, lens):
+    points = np.random.default_rng(4).uniform(-0.7, 0.7, (100, 2))
+    turned = np.stack([points[:, 1], -points[:, 0]], axis=-1)
+    for one, _ in cameras(lens, 1):
+        x, y = np.asarray(one.distort(points)).T
+        assert isinstance(one.turned(1), lens)
+        np.testing.assert_allclose(one.turned(1).distort(turned), np.stack([y, -x], axis=-1), rtol=0, atol=1e-15)
+
+
 def test_a_wrong_number_of_coefficients():
     with pytest.raises(ValueError, match="sx1, sy1, that is 8 numbers, got 7"):
         jl.ThinPrismFisheye(np.zeros(7))
