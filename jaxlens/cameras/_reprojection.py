@@ -64,6 +64,8 @@ def reproject(
             f"{source_camera.width} × {source_camera.height}: camera.resized(width, height) is the camera of a resized "
             "image, camera.cropped(top, left, height, width) that of a part"
         )
+    # Left to be `warp`'s own, zero is known when the program is made, and what another fill value takes is not in it.
+    options = {} if isinstance(fill, float | int) and fill == 0 else {"fill": fill}
     return warp(
         image,
         sight(source_camera.lens, target_camera.lens, rotation),
@@ -72,6 +74,6 @@ def reproject(
         shape=(target_camera.height, target_camera.width),
         method=method,
         border=border,
-        fill=fill,
         antialias=antialias,
+        **options,
     )

@@ -87,7 +87,12 @@ LENSES = {
 }
 
 
-@pytest.mark.parametrize("kind", LENSES)
+QUICK = ["radial", "brown", "panorama"]
+
+
+@pytest.mark.parametrize(
+    "kind", [kind if kind in QUICK else pytest.param(kind, marks=pytest.mark.slow) for kind in LENSES]
+)
 def test_a_turned_picture(x64, kind):
     """A point that was seen at (x, y) is seen where `np.rot90` brings that pixel, of the ray turned likewise."""
     one, rows = camera(LENSES[kind]()), np.mgrid[:48, :64]
@@ -141,7 +146,7 @@ def dense_bound(one, target, box, count=20001):
 BOXES = np.array([[5.0, 6.0, 40.0, 30.0], [20.0, 1.0, 60.0, 46.0], [-3.0, 20.0, 20.0, 60.0]])
 
 
-@pytest.mark.parametrize("make", [camera, fisheye])
+@pytest.mark.parametrize("make", [fisheye, pytest.param(camera, marks=pytest.mark.slow)])
 def test_boxes_bound_their_bent_outline(x64, make):
     one = make()
     target = one.view(keep="all", projection="stereographic" if make is fisheye else "perspective")

@@ -24,7 +24,7 @@ def cameras(lens, size=(64, 48)):
     return source, jl.Camera(jl.Perspective(), jl.Frame.from_camera_matrix(NEW), *size)
 
 
-@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("turned", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_maps_are_those_of_opencv(x64, turned):
     vector = TURN if turned else np.zeros(3)
     rotation = cv2.Rodrigues(vector)[0]
@@ -65,6 +65,7 @@ def test_labels_stay_labels():
     assert set(np.unique(out)) <= {np.float32(0.1), np.float32(2.7), np.float32(-1)}
 
 
+@pytest.mark.slow
 def test_there_and_back(x64):
     source, _ = cameras(RADIAL)
     image = smooth(np.float64, height=48, width=64)
