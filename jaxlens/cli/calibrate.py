@@ -45,6 +45,8 @@ Examples:
 # Half the window in which a corner is refined, and when that ends.
 _WINDOW = (5, 5)
 _STEPS, _SMALLEST = 30, 1e-3
+# Tangent of the widest angle to which the curve of a lens is drawn, 84°.
+_WIDEST = 10.0
 # Corners without which a view has no pose.
 _FEWEST = 4
 # Medians of the residuals beyond which a corner is named (by normal noise, one corner in 2²⁵ is so far off), and how
@@ -121,9 +123,12 @@ def run(arguments: Arguments) -> int:
             figures = {
                 "residuals": residual_figure(observed, np.asarray(fit.residuals)[seen], fit, "pixels"),
                 "views": views_figure(names, np.asarray(fit.per_view_rms)),
-                "curve": curve_figure(fit, np.asarray(fit.lens.invert(fit.frame.normalize(observed)).points), "pixels"),
                 "uncertainty": uncertainty_figure(fit, observed),
             }
+            on_plane = fit.lens.invert(fit.frame.normalize(observed))
+            # The curve is drawn over the plane z = 1, which ends at a right angle from the axis.
+            if bool(np.all(on_plane.valid)) and float(np.max(np.abs(on_plane.points))) < _WIDEST:
+                figures["curve"] = curve_figure(fit, np.asarray(on_plane.points), "pixels")
         deliver(arguments, fit, size, figures, notes=_outliers(found, np.asarray(fit.residuals)))
     return 1 if found.unread else 0
 

@@ -9,11 +9,18 @@ from jaxlens.experiments import ConfigError, config, run
 CONFIGURATIONS = sorted((Path(__file__).parents[2] / "experiments").glob("*.toml"))
 
 
+# Data that lie beside the repository, where they are present.
+BESIDE = {
+    "boards": ("opencv/left_corners.csv", r"corners: .* there is no such CSV file"),
+    "fisheyes": ("babelcalib/ov_plane/ov_plane.dsc", r"board: .* there is no such board of BabelCalib"),
+}
+
+
 @pytest.mark.parametrize("path", CONFIGURATIONS, ids=lambda path: path.stem)
 def test_committed_configurations_are_valid_and_named_as_their_files(path: Path):
-    if path.stem == "boards" and not (path.parent / "../../shared/data/opencv/left_corners.csv").exists():
-        # OpenCV's corners lie beside the repository, where they are present.
-        with pytest.raises(config.ConfigError, match=r"corners: .* there is no such CSV file"):
+    file, message = BESIDE.get(path.stem, ("", ""))
+    if not (path.parent / "../../shared/data" / file).exists() and file:
+        with pytest.raises(config.ConfigError, match=message):
             config.load(path)
     else:
         assert config.load(path).experiment.name == path.stem
