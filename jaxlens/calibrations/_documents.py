@@ -98,18 +98,18 @@ class Document:
             return _from_xml(self)
         if _PYTHON.match(start):
             return _from_python(self)
-        if start.startswith(("{", "[")) or not start:
+        if start.startswith(("{", "[")) or not self.text.strip():
             return _from_json(self)
         return _from_yaml(self)
 
     @property
     def mapping(self) -> dict[str, Any]:
-        """The values where they are keys with values, and else an empty dictionary.
+        """The values where they are keys with values, and else, as of what is no text, an empty dictionary.
 
         Raises:
             CalibrationError: as `values`.
         """
-        return self.values if isinstance(self.values, dict) else {}
+        return self.values if not self.is_binary and isinstance(self.values, dict) else {}
 
 
 _COMMENTS = re.compile(r"\A(?:\s+|#[^\n]*\n)+")
@@ -221,8 +221,8 @@ for _tag in ("map", "opencv-matrix", "opencv-nd-matrix"):
 _Loader.add_constructor("tag:yaml.org,2002:int", lambda loader, node: int(node.value))
 _Loader.add_constructor("tag:yaml.org,2002:float", lambda loader, node: float(node.value))
 for _tag, _pattern, _first in (
-    ("null", re.compile(r"~|null|Null|NULL|", re.ASCII), ["~", "n", "N", ""]),
-    ("bool", re.compile(r"true|True|TRUE|false|False|FALSE", re.ASCII), list("tTfF")),
+    ("null", re.compile(r"(?:~|null|Null|NULL|)$", re.ASCII), ["~", "n", "N", ""]),
+    ("bool", re.compile(r"(?:true|True|TRUE|false|False|FALSE)$", re.ASCII), list("tTfF")),
     ("int", re.compile(f"(?:{_INTEGER.pattern})$", re.ASCII), list("-+0123456789")),
     ("float", re.compile(f"(?:{_FLOAT.pattern})$", re.ASCII), list("-+.0123456789")),
 ):

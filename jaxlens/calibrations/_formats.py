@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from jaxlens.calibrations import _lens_json, _opencv
+from jaxlens.calibrations import _colmap, _lens_json, _opencv, _ros
 from jaxlens.calibrations._calibration import Calibration, CalibrationError
 from jaxlens.calibrations._documents import Document
 from jaxlens.calibrations._keys import shown
@@ -29,6 +29,9 @@ class _Format:
 # The first that recognizes a file reads it: those that say what they are come before those known by a few keys.
 _FORMATS = (
     _Format("jaxlens", _lens_json.recognizes, _lens_json.parse, _lens_json.render),
+    _Format("colmap-binary", _colmap.recognizes_binary, _colmap.parse_binary, _colmap.render_binary),
+    _Format("colmap", _colmap.recognizes_text, _colmap.parse_text, _colmap.render_text),
+    _Format("ros", _ros.recognizes, _ros.parse, _ros.render),
     _Format("opencv-yaml", _opencv.recognizes_as(""), _opencv.parse, _opencv.render_yaml),
     _Format("opencv-xml", _opencv.recognizes_as("<"), _opencv.parse, _opencv.render_xml),
     _Format("opencv-json", _opencv.recognizes_as("{"), _opencv.parse, _opencv.render_json),

@@ -1,5 +1,6 @@
 """Values that a file gives, checked: each error names the file, the key and the value."""
 
+import json
 import reprlib
 from collections.abc import Sequence
 from typing import Any
@@ -108,3 +109,8 @@ def shown(value: object) -> str:
     if isinstance(value, int) and abs(value) > _LARGEST_NUMBER:
         return "an integer of many digits"
     return reprlib.repr(value)
+
+
+def quoted(text: str) -> str:
+    """Returns a word as YAML and JSON both read it."""
+    return json.dumps(text, ensure_ascii=False)

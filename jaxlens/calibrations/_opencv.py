@@ -43,8 +43,10 @@ def recognizes_as(start: str) -> Callable[[Document], bool]:
     """Returns the test for one of the three spellings, by what the text begins with."""
 
     def test(document: Document) -> bool:
+        if not recognizes(document):
+            return False
         here = document.text.lstrip()[:1]
-        return (here == start if start else here not in ("<", "{")) and recognizes(document)
+        return here == start if start else here not in ("<", "{")
 
     return test
 

@@ -83,7 +83,7 @@ def test_a_broken_file_is_an_error_or_a_finite_camera(tmp_path, format):
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        ("a: &x [1]\nb: {c: *x}\n", "no calibration of a known format .*jaxlens, opencv-yaml.*it has the keys a, b"),
+        ("a: &x [1]\nb: {c: *x}\n", "no calibration of a known format .*jaxlens, .*it has the keys a, b"),
         ("K: !!python/object/apply:os.system [ls]\n", "not YAML at line 1.*could not determine a constructor"),
         ("K: [1\nD: [0", "not YAML at line 2"),
         ("K: 1\nK: 2\n", "not YAML at line 2.*K stands twice"),
@@ -115,7 +115,7 @@ def test_yaml_doubles_nothing(tmp_path):
 
 def test_misuse(tmp_path):
     path = tmp_path / "camera"
-    with pytest.raises(CalibrationError, match=r"there is no format 'yaml'; there are jaxlens, opencv-yaml"):
+    with pytest.raises(CalibrationError, match=r"there is no format 'yaml'; there are jaxlens, "):
         write(path, BROWN, format="yaml")
     with pytest.raises(CalibrationError, match="no cameras to write"):
         write(path, [])
