@@ -1,6 +1,6 @@
 """A lens as plain numbers, for files: no JAX until the lens itself is asked for."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -50,6 +50,10 @@ class Calibration:
         scale: The frame's pixels per normalized unit along x and y.
         image_size: (width, height) in pixels of the pictures that it is for, if known.
         estimate: What a fit found out, if one did.
+        name: What the file calls the camera, if it does.
+        from_previous: The rigid 4 × 4 matrix, row by row, from the coordinates of the camera before this one to this
+            one's, where a file says it (Kalibr's `T_cn_cnm1`).
+        format: The format of the file that it was read from; it does not count when two are compared.
     """
 
     model: str
@@ -58,6 +62,19 @@ class Calibration:
     scale: tuple[float, float] | None = None
     image_size: tuple[int, int] | None = None
     estimate: Estimate | None = None
+    name: str = ""
+    from_previous: tuple[tuple[float, ...], ...] | None = None
+    format: str = field(default="", compare=False)
+
+    @classmethod
+    def from_camera(cls, camera: "Camera", *, name: str = "") -> "Calibration":
+        """Returns the calibration of a camera.
+
+        Raises:
+            CalibrationError: as `from_lens`.
+        """
+        plain = cls.from_lens(camera.lens, frame=camera.frame, image_size=(camera.width, camera.height))
+        return replace(plain, name=name)
 
     @classmethod
     def from_lens(
@@ -174,15 +191,15 @@ def _as_numbers(lens: "CoordinateMap") -> tuple[str, tuple[tuple[str, Value], ..
     except ValueError as error:
         raise CalibrationError(str(error)) from error
     parameters: dict[str, Value] = {}
-    for field in dataclasses.fields(kind):
-        if field.metadata.get("static", False):
-            raise CalibrationError(f"{kind.__name__}.{field.name} is static: files hold numbers, and lists of them")
-        value = np.asarray(getattr(lens, field.name), np.float64)
+    for one in dataclasses.fields(kind):
+        if one.metadata.get("static", False):
+            raise CalibrationError(f"{kind.__name__}.{one.name} is static: files hold numbers, and lists of them")
+        value = np.asarray(getattr(lens, one.name), np.float64)
         if value.ndim > 1:
             raise CalibrationError(
-                f"{kind.__name__}.{field.name} has shape {value.shape}: files hold numbers, and lists of them"
+                f"{kind.__name__}.{one.name} has shape {value.shape}: files hold numbers, and lists of them"
             )
-        parameters[field.name] = tuple(value.tolist()) if value.ndim else float(value)
+        parameters[one.name] = tuple(value.tolist()) if value.ndim else float(value)
     try:
         inspect.signature(kind).bind(**parameters)
     except TypeError as error:

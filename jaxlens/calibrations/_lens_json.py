@@ -7,14 +7,15 @@ refused: a misspelt one would otherwise change the lens without a word.
 
 import json
 import math
-import os
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from jaxlens.calibrations._calibration import Calibration, CalibrationError, Estimate, Value, check_model
-from jaxlens.files import write_text
+from jaxlens.calibrations._documents import Document
+from jaxlens.calibrations._families import single
+from jaxlens.calibrations._keys import shown
 
 _FORMAT = "jaxlens calibration"
 _VERSION = 1
@@ -22,8 +23,6 @@ _UNITS = {
     "frame": "pixels, (x, y) order, pixel centres at integers; normalized = (pixel - center) / scale",
     "parameters": "normalized coordinates; distort takes ideal points to observed ones",
 }
-# A calibration has some hundred numbers: what is larger is something else.
-_LARGEST = 4 * 2**20
 
 _Number = Annotated[float, Field(allow_inf_nan=False)]
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -51,6 +50,7 @@ class _File(_Strict):
     format: Literal["jaxlens calibration"]
     schema_version: Literal[1]
     software: str = ""
+    name: str = ""
     model: str
     parameters: dict[str, _Number | list[_Number]]
     units: dict[str, str] = {}
@@ -59,20 +59,16 @@ class _File(_Strict):
     estimate: _Estimate | None = None
 
 
-def write_calibration(path: str | os.PathLike[str], calibration: Calibration, *, overwrite: bool = False) -> None:
-    """Writes a calibration, whole or not at all; the same calibration is the same bytes.
+def recognizes(document: Document) -> bool:
+    """Tells whether a file says that it is ours, or looks like it."""
+    return document.mapping.get("format") == _FORMAT or "schema_version" in document.mapping
 
-    Args:
-        path: The file.
-        calibration: What to write.
-        overwrite: Replace an existing file.
 
-    Raises:
-        CalibrationError: a number that is not finite, which JSON does not have.
-        OSError: as `jaxlens.files.write_text`.
-    """
+def render(calibrations: Sequence[Calibration]) -> str:
+    """Returns the one calibration as JSON; the same calibration is the same text."""
     from importlib.metadata import PackageNotFoundError, version
 
+    calibration = single(calibrations, "jaxlens")
     try:
         software = f"jaxlens {version('jaxlens')}"
     except PackageNotFoundError:
@@ -81,6 +77,7 @@ def write_calibration(path: str | os.PathLike[str], calibration: Calibration, *,
         "format": _FORMAT,
         "schema_version": _VERSION,
         "software": software,
+        **({"name": calibration.name} if calibration.name else {}),
         "model": calibration.model,
         "parameters": dict(calibration.parameters),
         "units": _UNITS,
@@ -89,56 +86,28 @@ def write_calibration(path: str | os.PathLike[str], calibration: Calibration, *,
         "estimate": _estimate(calibration.estimate),
     }
     try:
-        text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
+        return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     except ValueError as error:
         raise CalibrationError(
             "the calibration has a number that is not finite; a fit that failed is not written"
         ) from error
-    write_text(path, text + "\n", overwrite=overwrite)
 
 
-def read_calibration(path: str | os.PathLike[str]) -> Calibration:
-    """Reads what `write_calibration` has written.
-
-    Args:
-        path: The file.
-
-    Raises:
-        CalibrationError: no such file, or no calibration; the message names the file, the key and the value.
-    """
-    path = Path(path)
-    name = repr(str(path))
-    try:
-        with path.open("rb") as file:
-            data = file.read(_LARGEST + 1)
-    except OSError as error:
-        raise CalibrationError(f"cannot read the calibration {name}: {error.strerror}") from error
-    if len(data) > _LARGEST:
-        raise CalibrationError(f"{name} is no calibration: it is larger than {_LARGEST // 2**20} MiB")
-    try:
-        content = json.loads(data.decode("utf-8"), parse_constant=_refuse_constant)
-    except RecursionError:
-        raise CalibrationError(f"{name} is no calibration: it is nested too deeply") from None
-    except UnicodeDecodeError as error:
-        raise CalibrationError(f"{name} is no calibration: it is not UTF-8 at byte {error.start}") from error
-    except json.JSONDecodeError as error:
-        raise CalibrationError(
-            f"{name} is no calibration: not JSON at line {error.lineno}, column {error.colno}: {error.msg}"
-        ) from error
-    except ValueError as error:
-        raise CalibrationError(f"{name}: {error}") from error
-    if not isinstance(content, dict) or content.get("format") != _FORMAT:
+def parse(document: Document) -> list[Calibration]:
+    """Reads what `render` has written."""
+    name, content = document.name, document.mapping
+    if content.get("format") != _FORMAT:
         raise CalibrationError(f'{name} is no calibration of jaxlens: it does not say "format": "{_FORMAT}"')
     if content.get("schema_version") != _VERSION:
         raise CalibrationError(
-            f"{name} has the schema version {content.get('schema_version')!r}; this jaxlens reads {_VERSION}"
+            f"{name} has the schema version {shown(content.get('schema_version'))}; this jaxlens reads {_VERSION}"
         )
     try:
         file = _File.model_validate(content)
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
-        raise CalibrationError(f"{name}: {key}: {first['msg']}, got {_shown(first.get('input'))}") from error
+        raise CalibrationError(f"{name}: {key}: {first['msg']}, got {shown(first.get('input'))}") from error
     try:
         check_model(file.model)
     except CalibrationError as error:
@@ -150,8 +119,9 @@ def read_calibration(path: str | os.PathLike[str]) -> Calibration:
         None if file.frame is None else (file.frame.scale[0], file.frame.scale[1]),
         None if file.image_size is None else (file.image_size[0], file.image_size[1]),
         None if file.estimate is None else _checked_estimate(name, file.estimate),
+        name=file.name,
     )
-    return calibration
+    return [calibration]
 
 
 def _value(value: float | list[float]) -> Value:
@@ -181,12 +151,3 @@ def _checked_estimate(name: str, estimate: _Estimate) -> Estimate:
     return Estimate(
         tuple(estimate.names), tuple(estimate.values), covariance, estimate.rms, estimate.degrees_of_freedom
     )
-
-
-def _refuse_constant(word: str) -> float:
-    raise ValueError(f"{word} is no number of JSON")
-
-
-def _shown(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
