@@ -56,7 +56,7 @@ class WideLens(Lens):
         ahead = angle < jnp.pi / 2
         return jnp.where(ahead, jnp.tan(jnp.where(ahead, angle, 0)), jnp.inf)
 
-    def surely_one_to_one(self, points: Float[Array, "*batch 2"]) -> Bool[Array, "*batch"]:
+    def surely_one_to_one(self, points: Float[Array, "*batch 2"]) -> Bool[Array, "*batch"] | None:
         """Tells whether ideal points lie nearer to the axis than the nearest fold."""
         x, y = split(points)
         return x * x + y * y <= lax.stop_gradient(self.nearest_fold()) ** 2
