@@ -13,35 +13,19 @@ from jaxlens.maps import inverse_status
 from jaxlens.numerics import as_parameters, epsilon, jitted, polynomial
 
 
+def _numbers(a: ArrayLike, b: ArrayLike, c: ArrayLike, d: ArrayLike | None) -> list[Float[Array, ""]]:
+    if d is not None:
+        return as_parameters(a=a, b=b, c=c, d=d)
+    a, b, c = as_parameters(a=a, b=b, c=c)
+    return [a, b, c, 1 - a - b - c]
+
+
 class _FourNumbers(RadialLens):
     a: Float[Array, ""]
     b: Float[Array, ""]
     c: Float[Array, ""]
     d: Float[Array, ""]
     term_counts: ClassVar[tuple[int, ...]] = (4,)
-
-    def __init__(
-        self,
-        a: ArrayLike,
-        b: ArrayLike,
-        c: ArrayLike,
-        *,
-        d: ArrayLike | None = None,
-        center: ArrayLike | list | tuple | None = None,
-    ):
-        if d is None:
-            self.a, self.b, self.c = as_parameters(a=a, b=b, c=c)
-            self.d = 1 - self.a - self.b - self.c
-        else:
-            self.a, self.b, self.c, self.d = as_parameters(a=a, b=b, c=c, d=d)
-        check_scale(self, self.d, "d")
-        self.center = as_center(center, self.a.dtype)
-
-    @classmethod
-    def identity(cls, *, terms: int | None = None) -> "_FourNumbers":
-        """Returns the lens with a = b = c = 0 and d = 1."""
-        cls.count_terms(terms)
-        return cls(0.0, 0.0, 0.0, d=1.0)
 
     def powers(self) -> Float[Array, " terms"]:
         """Returns d, c, b, a."""
@@ -68,6 +52,25 @@ class Barrel(_FourNumbers, PowersLens):
         [0.25, 0.0]
     """
 
+    def __init__(
+        self,
+        a: ArrayLike,
+        b: ArrayLike,
+        c: ArrayLike,
+        *,
+        d: ArrayLike | None = None,
+        center: ArrayLike | list | tuple | None = None,
+    ):
+        self.a, self.b, self.c, self.d = _numbers(a, b, c, d)
+        check_scale(self, self.d, "d")
+        self.center = as_center(center, self.a.dtype)
+
+    @classmethod
+    def identity(cls, *, terms: int | None = None) -> "Barrel":
+        """Returns the lens with a = b = c = 0 and d = 1."""
+        cls.count_terms(terms)
+        return cls(0.0, 0.0, 0.0, d=1.0)
+
 
 @register("BarrelInverse", short="barrel-inverse")
 class BarrelInverse(_FourNumbers):
@@ -87,6 +90,25 @@ class BarrelInverse(_FourNumbers):
         >>> jl.BarrelInverse(0.0, 0.5, 0.25).distort(np.array([0.5, 0.0])).tolist()
         [1.0, 0.0]
     """
+
+    def __init__(
+        self,
+        a: ArrayLike,
+        b: ArrayLike,
+        c: ArrayLike,
+        *,
+        d: ArrayLike | None = None,
+        center: ArrayLike | list | tuple | None = None,
+    ):
+        self.a, self.b, self.c, self.d = _numbers(a, b, c, d)
+        check_scale(self, self.d, "d")
+        self.center = as_center(center, self.a.dtype)
+
+    @classmethod
+    def identity(cls, *, terms: int | None = None) -> "BarrelInverse":
+        """Returns the lens with a = b = c = 0 and d = 1."""
+        cls.count_terms(terms)
+        return cls(0.0, 0.0, 0.0, d=1.0)
 
     def factor(self, squared_radius: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
         """Returns Φ = 1 / (a r³ + b r² + c r + d)."""

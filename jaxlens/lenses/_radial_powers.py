@@ -11,22 +11,18 @@ from jaxlens.lenses._reversed import ReversedLens
 from jaxlens.numerics import as_coefficients
 
 
+def _coefficients(values: ArrayLike | list | tuple, lens: RadialLens) -> Float[Array, " terms"]:
+    name = type(lens).__name__
+    coefficients = as_coefficients(values, name, "k0, k1, k2, …")
+    if not coefficients.size:
+        raise ValueError(f"{name} takes k0, k1, k2, …, at least the first of them: [1.0] is the identity")
+    check_scale(lens, coefficients[0], "k0")
+    return coefficients
+
+
 class _Coefficients(RadialLens):
     coefficients: Float[Array, " terms"]
     term_counts: ClassVar[tuple[int, ...]] = (5, 2, 3, 4, 6, 7, 8)
-
-    def __init__(self, coefficients: ArrayLike | list | tuple, *, center: ArrayLike | list | tuple | None = None):
-        name = type(self).__name__
-        self.coefficients = as_coefficients(coefficients, name, "k0, k1, k2, …")
-        if not self.coefficients.size:
-            raise ValueError(f"{name} takes k0, k1, k2, …, at least the first of them: [1.0] is the identity")
-        check_scale(self, self.coefficients[0], "k0")
-        self.center = as_center(center, self.coefficients.dtype)
-
-    @classmethod
-    def identity(cls, *, terms: int | None = None) -> "_Coefficients":
-        """Returns the lens of two to eight coefficients, 1, 0, 0, …; five unless given."""
-        return cls([1.0] + [0.0] * (cls.count_terms(terms) - 1))
 
     def parameter_names(self, field: str, shape: tuple[int, ...]) -> list[str]:
         """Returns k0, k1, … for the coefficients."""
@@ -53,6 +49,15 @@ class RadialPowers(_Coefficients, PowersLens):
         [2.0, 0.0]
     """
 
+    def __init__(self, coefficients: ArrayLike | list | tuple, *, center: ArrayLike | list | tuple | None = None):
+        self.coefficients = _coefficients(coefficients, self)
+        self.center = as_center(center, self.coefficients.dtype)
+
+    @classmethod
+    def identity(cls, *, terms: int | None = None) -> "RadialPowers":
+        """Returns the lens of two to eight coefficients, 1, 0, 0, …; five unless given."""
+        return cls([1.0] + [0.0] * (cls.count_terms(terms) - 1))
+
     def powers(self) -> Float[Array, " terms"]:
         """Returns the coefficients."""
         return self.coefficients
@@ -74,6 +79,15 @@ class RadialPowersInverse(_Coefficients, ReversedLens):
         >>> jl.RadialPowersInverse([1.0, 0.5, 0.5]).undistort(np.array([1.0, 0.0])).tolist()
         [2.0, 0.0]
     """
+
+    def __init__(self, coefficients: ArrayLike | list | tuple, *, center: ArrayLike | list | tuple | None = None):
+        self.coefficients = _coefficients(coefficients, self)
+        self.center = as_center(center, self.coefficients.dtype)
+
+    @classmethod
+    def identity(cls, *, terms: int | None = None) -> "RadialPowersInverse":
+        """Returns the lens of two to eight coefficients, 1, 0, 0, …; five unless given."""
+        return cls([1.0] + [0.0] * (cls.count_terms(terms) - 1))
 
     def reverse(self) -> RadialPowers:
         """Returns the lens of the same coefficients that takes observed points to ideal ones."""
