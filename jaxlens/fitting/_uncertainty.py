@@ -24,6 +24,7 @@ def projection_uncertainty(fit: Fit, pixels: Float[ArrayLike, "*batch 2"]) -> Fl
     """Does the work of `Fit.projection_uncertainty`."""
     assert fit.frame is not None
     assert fit.image_size is not None
+    assert isinstance(fit.lens, Lens)
     selection, places = named(model_of(fit.frame, fit.lens), fit.names)
     steps = [jnp.linspace(0, 1, count, dtype=fit.values.dtype) for count in _GRID]
     grid = jnp.stack(jnp.meshgrid(*steps), axis=-1).reshape(-1, 2) * (fit.image_size - 1)[None]
