@@ -78,6 +78,7 @@ class FisheyesExperiment(Experiment):
             for model in self.models:
                 fit = _calibrate(model, boards, size)
                 assert fit.frame is not None
+                assert isinstance(fit.lens, jl.Lens)
                 fits.append(fit)
                 errors = np.asarray(fit.standard_errors)
                 for name, value, error in zip(fit.names, np.asarray(fit.values), errors, strict=True):

@@ -34,9 +34,17 @@ from jaxlens.fitting._problem import Knowledge, Minimum, Problem, assess, minimi
 from jaxlens.fitting._result import Fit, FitStatus, checked
 from jaxlens.fitting._robust import Loss
 from jaxlens.fitting._solver import Unknowns
-from jaxlens.fitting._uncertainty import best_rotation, covariance_of_pixels, frame_of, model_of, root_of, seen_at
+from jaxlens.fitting._uncertainty import (
+    best_rotation,
+    covariance_of_pixels,
+    frame_of,
+    is_wide,
+    model_of,
+    root_of,
+    seen_at,
+)
 from jaxlens.frames import Frame
-from jaxlens.lenses import Lens, WideLens
+from jaxlens.lenses import Lens
 from jaxlens.numerics import as_floating, as_points
 
 # Corners without which a view has no homography, and the numbers of a pose.
@@ -331,7 +339,7 @@ def _start(lens: Lens, boards: Boards, size: Array, camera_matrix: Array | None)
     boards = boards.view(jnp.where(taken, jnp.arange(taken.shape[0]), jnp.argmax(taken)))
     if camera_matrix is None:
         center = 0.5 * (size - 1)
-        if isinstance(lens, WideLens):
+        if is_wide(lens):
             length, poses = equidistant_start(boards.points, boards.observed, boards.weights, size)
             # The lens may enlarge the middle, as one of a unified camera does.
             enlarged = jnp.trace(jax.jacfwd(lens.distort)(jnp.zeros_like(size))) / 2
@@ -344,7 +352,7 @@ def _start(lens: Lens, boards: Boards, size: Array, camera_matrix: Array | None)
 
 
 def _start_poses(lens: Lens, frame: Frame, boards: Boards) -> Poses:
-    if isinstance(lens, WideLens):
+    if is_wide(lens):
         rays = lens.invert_projection(frame.normalize(boards.observed)).points
         return poses_from_rays(boards.points, rays, boards.weights)
     ideal = frame.denormalize(lens.invert(frame.normalize(boards.observed)).points)
@@ -389,7 +397,7 @@ def _folds(lens: Lens, frame: Frame, size: Array, boards: Boards) -> Array:
 
     The corners of a fisheye's picture may well show nothing, so that of such a lens it is the corners seen that count.
     """
-    if isinstance(lens, WideLens):
+    if is_wide(lens):
         lost = ~lens.invert_projection(frame.normalize(boards.observed)).valid
         return jnp.any(lost & (boards.weights > 0))
     steps = jnp.linspace(0, 1, 33, dtype=size.dtype)

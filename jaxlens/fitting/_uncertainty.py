@@ -1,6 +1,7 @@
 """How well a calibrated camera is known: where it puts a ray, with its standard deviation."""
 
 from functools import partial
+from typing import TypeGuard
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +13,7 @@ from jaxlens.fitting._parameters import Selection, named
 from jaxlens.fitting._poses import rotation_matrix
 from jaxlens.fitting._result import Fit
 from jaxlens.frames import Frame
-from jaxlens.lenses import Lens, WideLens
+from jaxlens.lenses import Lens, RadialLens, WideLens
 from jaxlens.numerics import as_points, split
 
 # Columns and rows of the rays over which the best rotation of a picture is sought.
@@ -24,6 +25,7 @@ def projection_uncertainty(fit: Fit, pixels: Float[ArrayLike, "*batch 2"]) -> Fl
     """Does the work of `Fit.projection_uncertainty`."""
     assert fit.frame is not None
     assert fit.image_size is not None
+    assert isinstance(fit.lens, Lens)
     selection, places = named(model_of(fit.frame, fit.lens), fit.names)
     steps = [jnp.linspace(0, 1, count, dtype=fit.values.dtype) for count in _GRID]
     grid = jnp.stack(jnp.meshgrid(*steps), axis=-1).reshape(-1, 2) * (fit.image_size - 1)[None]
@@ -51,12 +53,17 @@ def frame_of(model: dict) -> Frame:
     return Frame(model["camera"]["principal_point"], model["camera"]["focal_length"])
 
 
+def is_wide(lens: Lens) -> TypeGuard[WideLens]:
+    """Tells whether a lens is fitted on rays; a radial one that also has them fits more surely on the plane."""
+    return isinstance(lens, WideLens) and not isinstance(lens, RadialLens)
+
+
 def seen_at(lens: Lens, frame: Frame, places: Float[Array, "*batch 3"]) -> Float[Array, "*batch 2"]:
     """Returns the pixels at which points before a camera are seen, smooth also beyond what it really sees.
 
     A fit may pass through there, and comes back only where derivatives lead.
     """
-    if isinstance(lens, WideLens):
+    if is_wide(lens):
         return frame.denormalize(lens.observe(places)[0])
     return frame.denormalize(lens.distort(places[..., :2] / places[..., 2:]))
 
