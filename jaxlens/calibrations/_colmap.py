@@ -16,6 +16,7 @@ from jaxlens.calibrations._families import (
     as_brown_conrady,
     as_kannala_brandt,
     calibration,
+    eucm,
     framed,
     no_room,
     padded,
@@ -198,14 +199,6 @@ def _parameters(keys: Keys, model: _Model, values: tuple[float, ...]) -> dict[st
     if model.family == "RadialPolynomial":
         return {"coefficients": values, "center": _ORIGIN}
     return {"coefficients": values} if values else {}
-
-
-def eucm(keys: Keys, values: Sequence[float]) -> tuple[float, float]:
-    """Returns α and β of the extended unified lens, where there is such a lens."""
-    alpha, beta = values
-    if not 0 <= alpha <= 1:
-        raise keys.wrong("alpha", f"must be between 0 and 1, got {alpha:g}")
-    return alpha, keys.positive("beta", beta)
 
 
 def _as_colmap(one: Calibration) -> tuple[_Model, tuple[int, int], list[float]]:

@@ -3,9 +3,10 @@
 A lens that another family holds in other numbers is written as that one: what is exactly the same is no conversion.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from jaxlens.calibrations._calibration import Calibration, CalibrationError, Value
+from jaxlens.calibrations._keys import Keys
 
 _ORIGIN = (0.0, 0.0)
 _CONVERT = "jaxlens.fitting.convert finds the nearest camera of another family"
@@ -122,7 +123,9 @@ def no_room(calibration: Calibration, format: str, families: str) -> Calibration
     return CalibrationError(f"{format} holds {families}, not this {calibration.model}; {_CONVERT}")
 
 
-def named(calibrations: Sequence[Calibration], default: Callable[[int], str]) -> list[str]:
-    """Returns a name for each camera: its own, where no other has it."""
-    names = [one.name or default(index) for index, one in enumerate(calibrations)]
-    return names if len(set(names)) == len(names) else [default(index) for index in range(len(names))]
+def eucm(keys: Keys, values: Sequence[float]) -> tuple[float, float]:
+    """Returns α and β of the extended unified lens, where there is such a lens."""
+    alpha, beta = values
+    if not 0 <= alpha <= 1:
+        raise keys.wrong("alpha", f"must be between 0 and 1, got {alpha:g}")
+    return alpha, keys.positive("beta", beta)
