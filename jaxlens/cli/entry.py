@@ -31,6 +31,7 @@ COMMANDS = (
     "fit lines",
     "fit images",
     "calibrate",
+    "inspect",
     "surface",
     "geodesic",
 )
@@ -44,6 +45,7 @@ Examples:
   jaxlens compare photo.jpg straight.jpg
   jaxlens fit images photo.jpg distorted.jpg --output lens.json
   jaxlens calibrate boards/*.jpg --board 9x6 --output camera.json
+  jaxlens inspect camera.json --output camera.png
   jaxlens sweep experiments/table1.toml
   jaxlens reproduce experiments/
   jaxlens distort --help

@@ -157,7 +157,7 @@ def write_calibration(path: Path, calibration: "Calibration", *, overwrite: bool
 
 
 def write_figure(path: Path, figure: "Figure", *, overwrite: bool) -> None:
-    """Writes a figure as PNG.
+    """Writes a figure, as what its name ends in.
 
     Raises:
         CommandError: it cannot be written.

@@ -17,6 +17,11 @@ from jaxlens.figures.palette import FAINT, MUTED
 _DPI = 160
 # Of JPEG files, Pillow's scale: letters on a picture stay crisp.
 _QUALITY = 85
+# What of lines is written as lines, and which of its metadata change from day to day, or with matplotlib's version.
+_UNDATED = {
+    ".svg": {"Date": None, "Creator": None},
+    ".pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+}
 
 _STYLE = {
     "font.family": "DejaVu Sans",
@@ -67,11 +72,12 @@ def save(figure: Figure, path: Path) -> None:
 
     Args:
         figure: What is drawn.
-        path: `.svg` for line art. `.jpg` for photographs and other smooth shades. `.png` for what is drawn and has
-            too many lines for SVG: gray where nothing in it has a colour, and of 256 colours where they do.
+        path: `.svg` or `.pdf` for line art. `.jpg` for photographs and other smooth shades. `.png` for what is drawn
+            and has too many lines for SVG: gray where nothing in it has a colour, and of 256 colours where they do.
     """
-    if path.suffix == ".svg":
-        figure.savefig(path, dpi=_DPI, metadata={"Date": None, "Creator": None})
+    suffix = path.suffix.lower()
+    if suffix in _UNDATED:
+        figure.savefig(path, dpi=_DPI, metadata=_UNDATED[suffix])
         return
     canvas = FigureCanvasAgg(figure)
     figure.set_dpi(_DPI)
@@ -79,7 +85,7 @@ def save(figure: Figure, path: Path) -> None:
     pixels = np.asarray(canvas.buffer_rgba())[..., :3]
     gray = bool((pixels == pixels[..., :1]).all())
     picture = PIL.Image.fromarray(np.ascontiguousarray(pixels[..., 0] if gray else pixels))
-    if path.suffix == ".png":
+    if suffix == ".png":
         picture = picture if gray else _fewer_colours(picture)
         picture.save(path, optimize=True, dpi=(_DPI, _DPI))
     else:
