@@ -79,7 +79,8 @@ def interpolate(image: Float[Array, "height width"], points: Float[Array, "*poin
     # Where it is differentiated, XLA computes the pixels' indices and their weights in different loops, which may round
     # a position that is whole to different sides. A nudge, as small as rounding itself, brings both to the same.
     nudge = 4 * epsilon(points.dtype) * max(image.shape)
-    x, y = _placed(*split(points + nudge), Grid(0, *image.shape), "bilinear", "edge")
+    x, y = split(points + nudge)
+    x, y = _placed(x, y, Grid(0, *image.shape), "bilinear", "edge")
     return interpolated(image, x, y, jnp.zeros((), image.dtype), kernel="bilinear", border="edge", dtype=image.dtype)
 
 

@@ -153,7 +153,8 @@ def _fit(choice: Choice, camera: Camera, model, pixels, rays, seen) -> tuple[Fit
     own, other = (_stretch(lens, beside) for lens in (camera.lens, model["lens"]))
     model = model | {"focal_length": model["focal_length"] * own / other}
     selection = Selection(model, choice)
-    problem = _Rays(selection, rays, jnp.where(seen[:, None], pixels, 0), seen.astype(dtype)[None])
+    observed, weights = jnp.where(seen[:, None], pixels, 0), seen.astype(dtype)[None]
+    problem = _Rays(selection=selection, rays=rays, observed=observed, weights=weights)
     minimum = minimize(problem, Unknowns.dense(selection.values()))
     known = assess(problem, minimum)
     found = selection.insert(minimum.unknowns.shared)

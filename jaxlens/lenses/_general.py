@@ -90,7 +90,7 @@ def solve(lens: Any, x: Plane, y: Plane) -> tuple[Plane, Plane, Int8[Array, "*ba
                 function,
                 goal,
                 _on_its_ray(function, region, goal),
-                admissible=lambda points, size: region.contains(function, *split(points), size),
+                admissible=lambda points, size: region.contains(function, points[..., 0], points[..., 1], size),
             )
             reason = jnp.where(blocked, InverseStatus.NO_PREIMAGE, InverseStatus.NOT_CONVERGED)
             return *split(found), jnp.where(converged, InverseStatus.CONVERGED, reason).astype(jnp.int8)
