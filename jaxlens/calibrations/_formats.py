@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from jaxlens.calibrations import _colmap, _kalibr, _lens_json, _opencv, _ros
+from jaxlens.calibrations import _colmap, _kalibr, _lens_json, _metashape, _mrcal, _opencv, _ros, _transforms
 from jaxlens.calibrations._calibration import Calibration, CalibrationError
 from jaxlens.calibrations._documents import Document
 from jaxlens.calibrations._keys import shown
@@ -33,6 +33,9 @@ _FORMATS = (
     _Format("colmap", _colmap.recognizes_text, _colmap.parse_text, _colmap.render_text),
     _Format("ros", _ros.recognizes, _ros.parse, _ros.render),
     _Format("kalibr", _kalibr.recognizes, _kalibr.parse, _kalibr.render),
+    _Format("mrcal", _mrcal.recognizes, _mrcal.parse, _mrcal.render),
+    _Format("metashape", _metashape.recognizes, _metashape.parse, _metashape.render),
+    _Format("nerfstudio", _transforms.recognizes, _transforms.parse, _transforms.render),
     _Format("opencv-yaml", _opencv.recognizes_as(""), _opencv.parse, _opencv.render_yaml),
     _Format("opencv-xml", _opencv.recognizes_as("<"), _opencv.parse, _opencv.render_xml),
     _Format("opencv-json", _opencv.recognizes_as("{"), _opencv.parse, _opencv.render_json),

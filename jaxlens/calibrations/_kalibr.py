@@ -6,6 +6,7 @@ Kalibr counts as OpenCV does, and so do we: nothing is converted.
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 from jaxlens.calibrations._calibration import Calibration, Value
 from jaxlens.calibrations._documents import Document
@@ -36,14 +37,17 @@ _FAMILIES = (
 
 def recognizes(document: Document) -> bool:
     """Tells whether a file has a camera with a model and intrinsics, under a name of its own."""
-    return any(isinstance(one, dict) and "camera_model" in one for one in document.mapping.values())
+    return any(_is_camera(one) for one in document.mapping.values())
 
 
 def parse(document: Document) -> list[Calibration]:
     """Reads the cameras of a chain, each named by its key."""
     keys = Keys(document, document.mapping)
-    names = [name for name, one in keys.values.items() if isinstance(one, dict) and "camera_model" in one]
-    return [_camera(keys.inner(name), name) for name in names]
+    return [_camera(keys.inner(name), name) for name, one in keys.values.items() if _is_camera(one)]
+
+
+def _is_camera(value: Any) -> bool:
+    return isinstance(value, dict) and {"camera_model", "intrinsics"} <= set(value)
 
 
 def _camera(keys: Keys, name: str) -> Calibration:
