@@ -82,8 +82,8 @@ class Arguments(FitArguments):
     fix: Annotated[options.Names, options.words(options.Names, "NAME..."), arg(help_behavior_hint="")] = field(
         default_factory=options.Names
     )
-    """Parameters that are not fitted, such as cx cy k3. They keep their value in --start; without it, cx and cy are in
-    the middle, and coefficients zero."""
+    """Parameters that are not fitted, such as cx cy k3.
+    They keep their value in --start; without it, cx and cy are in the middle, and coefficients zero."""
 
     max_pixels: options.MaxPixels = None
 

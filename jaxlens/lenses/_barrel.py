@@ -132,6 +132,7 @@ class BarrelInverse(_FourNumbers):
         return _Series(self.powers()).fold_radius(), first_root(self.powers())
 
     def ideal_scale(self, squared: Float[Array, "*batch"]) -> tuple[Float[Array, "*batch"], Int8[Array, "*batch"]]:
+        """Returns the ratio of ideal to observed radius, and the status (see `RadialLens.ideal_scale`)."""
         finite = squared <= jnp.finfo(squared.dtype).max
         squared = jnp.where(finite, squared, 0)
         ratio, inside = _Series(self.powers() / self.d).ratio(squared * self.d**2, jnp.ones_like(squared))

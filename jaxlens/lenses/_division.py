@@ -100,6 +100,7 @@ class Division(RadialLens, WideLens):
         return jnp.where(bounded, 1 / jnp.sqrt(jnp.where(bounded, jnp.abs(self.k), 1)), jnp.inf)
 
     def ideal_scale(self, squared: Float[Array, "*batch"]) -> tuple[Float[Array, "*batch"], Int8[Array, "*batch"]]:
+        """Returns the ratio of ideal to observed radius, and the status (see `RadialLens.ideal_scale`)."""
         # Eq. 5 itself. Where the ideal radius grows without bound towards the edge, a very distant point stands beyond.
         finite = squared <= jnp.finfo(squared.dtype).max
         squared = jnp.where(finite, squared, 0)

@@ -65,6 +65,7 @@ class FieldOfView(RadialLens):
         return jnp.where(bounded, 0.5 * jnp.pi / jnp.where(bounded, size, 1), jnp.inf)
 
     def ideal_scale(self, squared: Float[Array, "*batch"]) -> tuple[Float[Array, "*batch"], Int8[Array, "*batch"]]:
+        """Returns the ratio of ideal to observed radius, and the status (see `RadialLens.ideal_scale`)."""
         # The formula solved for r_u. Beyond the edge stands a very distant point.
         finite = squared <= jnp.finfo(squared.dtype).max
         squared = jnp.square(self.omega) * jnp.where(finite, squared, 0)
@@ -79,16 +80,11 @@ class FieldOfView(RadialLens):
         return _tangent_ratio(jnp.square(jnp.where(seen, self.omega, 0)) / 4)
 
 
-def _tangent_series() -> list[float]:
-    """Returns the coefficients of tan z / z in z²: tan' = 1 + tan² says how they follow from each other."""
-    terms = [1.0]
-    for n in range(1, _TERMS):
-        terms.append(sum(terms[i] * terms[n - 1 - i] for i in range(n)) / (2 * n + 1))
-    return terms
-
-
-_TANGENT = np.array(_tangent_series())
-_ARCTANGENT = np.array([(-1.0) ** n / (2 * n + 1) for n in range(_TERMS)])
+# The series in z² of tan z / z, whose terms follow from each other by tan' = 1 + tan², and of arctan z / z.
+_TANGENT = np.ones(_TERMS)
+for _n in range(1, _TERMS):
+    _TANGENT[_n] = _TANGENT[:_n] @ _TANGENT[:_n][::-1] / (2 * _n + 1)
+_ARCTANGENT = (-1.0) ** np.arange(_TERMS) / (2 * np.arange(_TERMS) + 1)
 
 
 def _tangent_ratio(squared: Float[Array, "*batch"]) -> Float[Array, "*batch"]:

@@ -36,6 +36,7 @@ class ReversedLens(RadialLens):
         return self.reverse().fold_radius()
 
     def ideal_scale(self, squared: Float[Array, "*batch"]) -> tuple[Float[Array, "*batch"], Int8[Array, "*batch"]]:
+        """Returns the ratio of ideal to observed radius, and the status (see `RadialLens.ideal_scale`)."""
         finite = squared <= jnp.finfo(squared.dtype).max
         lens, squared = _in_common_dtype(self, jnp.where(finite, squared, 0))
         edge = lens.edge_radius()

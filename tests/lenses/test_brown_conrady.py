@@ -262,7 +262,9 @@ def test_without_tangential_terms_valid_is_what_the_radial_lens_says(x64, radial
     np.testing.assert_allclose(found.points[valid], reference.points[valid], rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("count", [5, 8, _TILTED])
+@pytest.mark.parametrize(
+    "count", [5, pytest.param(8, marks=pytest.mark.slow), pytest.param(_TILTED, marks=pytest.mark.slow)]
+)
 def test_single_precision_says_what_double_does(count):
     """Strong lenses, most of which fold or have poles: every status, but next to an edge, where rounding decides."""
     random = np.random.default_rng(7)
