@@ -118,7 +118,16 @@ def test_every_exported_map_has_an_example():
     assert not gone, f"examples of maps that are not exported: {sorted(gone)}"
 
 
-@pytest.mark.parametrize("name", sorted(EXAMPLES))
+# Each program is compiled for each dtype: in single precision these are tried always, the others by pytest -m slow.
+SINGLE = "BrownConrady", "FreeForm", "KannalaBrandt", "RadialPolynomial"
+CASES = [
+    pytest.param(name, dtype, marks=[] if dtype == "float64" or name in SINGLE else pytest.mark.slow)
+    for name in sorted(EXAMPLES)
+    for dtype in ("float32", "float64")
+]
+
+
+@pytest.mark.parametrize(("name", "dtype"), CASES, indirect=["dtype"])
 def test_a_map_inverts_and_masks(name, dtype):
     mapping, points = EXAMPLES[name](STRENGTHS[0], dtype), points_for(name, dtype)
     assert isinstance(mapping, MAPS[name])

@@ -94,6 +94,7 @@ def test_two_cameras(run, tmp_path):
     assert float(found[1]) < 1e-9
 
 
+@pytest.mark.slow
 def test_a_lens_in_half_diagonals_has_no_angles(run, tmp_path):
     bare = tmp_path / "bare.json"
     write_calibration(bare, Calibration.from_lens(RadialPolynomial([KAPPA])))

@@ -80,6 +80,7 @@ def test_the_camera_of_a_crop(run, picture, radial, tmp_path):
     assert_alike(cropped, whole[top : top + written.height, left : left + written.width])
 
 
+@pytest.mark.slow
 def test_a_panorama_of_a_fisheye(run, picture, fisheye, tmp_path):
     output = tmp_path / "out.png"
     words = ["--projection", "equirectangular", "--fov", "180", "--size", "64x32"]
@@ -93,6 +94,7 @@ def test_a_panorama_of_a_fisheye(run, picture, fisheye, tmp_path):
     assert "does not see all of the view" in result.err
 
 
+@pytest.mark.slow
 def test_a_view_of_a_large_picture_goes_in_strips(run, picture, radial, tmp_path, monkeypatch):
     monkeypatch.setattr("jaxlens.images.warping._STRIP_PIXELS", 200)
     monkeypatch.setattr("jaxlens.images.warping._STRIP_ROWS", 3)

@@ -61,7 +61,9 @@ def test_a_point_by_hand(dtype, coefficients, expected):
     np.testing.assert_allclose(observed, expected, rtol=8 * jnp.finfo(dtype).eps)
 
 
-@counts
+@pytest.mark.parametrize(
+    "count", [pytest.param(4, marks=pytest.mark.slow), 5, pytest.param(8, marks=pytest.mark.slow), _TILTED]
+)
 def test_zero_coefficients_are_the_identity(x64, count):
     lens = jl.BrownConrady(np.zeros(count))
     np.testing.assert_array_equal(lens.distort(POINTS), POINTS)
@@ -184,7 +186,7 @@ def test_whatever_the_lens_a_valid_inverse_maps_back(x64):
     assert 0.4 < np.mean(shares) < 0.99
 
 
-@pytest.mark.parametrize("count", [5, 8, _TILTED])
+@pytest.mark.parametrize("count", [5, pytest.param(8, marks=pytest.mark.slow), _TILTED])
 def test_batches(x64, count):
     coefficients = np.array(COEFFICIENTS[count]) * np.random.default_rng(3).uniform(0, 1, (4, 1))
     lenses = jax.vmap(jl.BrownConrady)(jnp.asarray(coefficients))
@@ -262,9 +264,8 @@ def test_without_tangential_terms_valid_is_what_the_radial_lens_says(x64, radial
     np.testing.assert_allclose(found.points[valid], reference.points[valid], rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    "count", [5, pytest.param(8, marks=pytest.mark.slow), pytest.param(_TILTED, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [5, 8, _TILTED])
 def test_single_precision_says_what_double_does(count):
     """Strong lenses, most of which fold or have poles: every status, but next to an edge, where rounding decides."""
     random = np.random.default_rng(7)
