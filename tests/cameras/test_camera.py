@@ -163,6 +163,7 @@ def test_boxes_bound_their_bent_outline(x64, make):
     assert one.transfer(np.zeros((0, 4)), target).shape == (0, 4)
 
 
+@pytest.mark.slow
 def test_a_bound_is_differentiated(x64):
     one, target = camera(), camera().view()
     box = jnp.asarray(BOXES[1])

@@ -120,6 +120,7 @@ def test_same_keeps_the_frame(x64):
     np.testing.assert_allclose(double.frame.center, 2 * camera().frame.center + 0.5)
 
 
+@pytest.mark.slow
 def test_a_view_is_differentiated(x64):
     def zoom(numbers):
         one = jl.Camera(jl.RadialPolynomial(numbers), camera().frame, 64, 48)

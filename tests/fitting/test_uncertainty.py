@@ -39,7 +39,7 @@ def _middles(random):
 CAMERA = ([322.0, 236.0], [540.0, 540.0])
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.2])
+@pytest.mark.parametrize("noise", [pytest.param(0.0, marks=pytest.mark.slow), 0.2])
 def test_a_long_lens_is_determined(x64, noise):
     """Rotations of the boards make up for nearly any principal point; of use the camera is all the same."""
     random = np.random.default_rng(1)
@@ -102,6 +102,7 @@ def _worst(shifts):
     return np.sqrt(np.linalg.eigvalsh(covariance)[:, -1])
 
 
+@pytest.mark.slow
 def test_the_uncertainty_is_the_spread_of_cameras_as_good(x64):
     """Cameras drawn from the covariance of a fit."""
     fit = _calibrate(_fitted())

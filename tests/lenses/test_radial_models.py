@@ -212,6 +212,7 @@ def test_the_centre_of_odd_powers(x64, lens, scale):
     np.testing.assert_array_equal(second, 0)
 
 
+@pytest.mark.slow
 def test_a_field_of_view_of_nothing_is_the_identity(x64):
     points = np.random.default_rng(2).uniform(-1, 1, (50, 2))
     np.testing.assert_array_equal(jl.FieldOfView(0.0).distort(points), points)
@@ -321,6 +322,7 @@ def test_division_of_any_order_is_its_formula(x64, ks):
         np.testing.assert_allclose(lens.distort(flat.points[near & inside]), observed[near & inside], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_division_by_a_list_of_one_is_that_by_the_number(x64):
     random = np.random.default_rng(7)
     rays = random.normal(size=(100, 3))

@@ -108,6 +108,7 @@ def test_lenses_of_lensfun_s_own(x64):
         check_lensfun(lens, kind(*distortion.terms[:count]), lens.min_focal, lens.crop_factor, 600, 400)
 
 
+@pytest.mark.slow
 def test_radial_powers_are_discorpy_s(x64):
     post = pytest.importorskip("discorpy.post.postprocessing")
     random = np.random.default_rng(3)
