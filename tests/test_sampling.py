@@ -584,6 +584,7 @@ def test_antialiasing_changes_nothing_under_the_identity():
     np.testing.assert_array_equal(remap(image, pixel_centers(33, 47), antialias=True), image)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("x64")
 def test_antialiasing_changes_nothing_under_rotation():
     # The footprint's axes have length one up to rounding.
@@ -694,6 +695,7 @@ def test_antialiasing_can_be_transformed():
     np.testing.assert_allclose(many[1], warp(1 - image, grid + 0.5), rtol=0, atol=1e-13)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("x64")
 def test_derivatives_of_antialiasing():
     image, grid = noise((8, 9), "float64"), affine_grid((3, 4), [[2.3, 0.2], [0.1, 1.7]], [0.713, 1.337], "float64")

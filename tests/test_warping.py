@@ -325,6 +325,7 @@ def test_dtype_and_channels_are_kept(direction, image_dtype, channels):
     np.testing.assert_allclose(last, exact, rtol=0, atol=tolerance)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("x64")
 def test_coordinates_have_the_precision_of_the_lens():
     single = jl.RadialPolynomial(np.array([0.1], np.float32))

@@ -10,6 +10,9 @@ from pictures import smooth
 
 import jaxlens as jl
 
+# Compilation takes minutes: run by pytest -m slow; the contract of every lens is in test_contract.py.
+pytestmark = pytest.mark.slow
+
 MATRIX = np.array([[52.0, 0, 31.3], [0, 53.0, 24.1], [0, 0, 1]])
 NEW = np.array([[40.0, 0, 30.0], [0, 41.0, 20.0], [0, 0, 1]])
 BROWN = np.array([-0.28, 0.07, 0.001, -0.002, 0.01])

@@ -11,6 +11,9 @@ import pytest
 import jaxlens as jl
 from jaxlens.calibrations import Calibration, CalibrationError
 
+# Compilation takes minutes: run by pytest -m slow; the contract of every lens is in test_contract.py.
+pytestmark = pytest.mark.slow
+
 BOARDS = pathlib.Path(__file__).parents[2].parent / "shared" / "data" / "opencv"
 
 

@@ -10,6 +10,9 @@ import jaxlens as jl
 from jaxlens.calibrations import Calibration, Estimate, write_calibration
 from jaxlens.lenses import Equidistant, RadialPolynomial
 
+# Compilation takes minutes: run by pytest -m slow; the contract of every lens is in test_contract.py.
+pytestmark = pytest.mark.slow
+
 SIZE = (64, 48)
 SCALE = 40.0
 # r (1 − 0.3 r²) grows up to r = 1/√0.9, to two thirds of it.

@@ -11,6 +11,9 @@ import jaxlens as jl
 from jaxlens import images
 from jaxlens.calibrations import Calibration, read_calibration, write_calibration
 
+# Compilation takes minutes: run by pytest -m slow; the contract of every lens is in test_contract.py.
+pytestmark = pytest.mark.slow
+
 FRAME = jl.Frame(np.array([15.0, 12.5]), np.array([25.0, 26.0]))
 
 

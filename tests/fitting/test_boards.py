@@ -212,6 +212,7 @@ def test_other_lenses(x64, start, truth, names):
     np.testing.assert_allclose(_vectors(fit.poses), POSES, rtol=0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_single_precision():
     """The same data as OpenCV's test; what is lost is a small part of the noise."""
     fit = _calibrate(Boards(BOARD.astype(np.float32), NOISY.astype(np.float32)))
@@ -289,6 +290,7 @@ def _calibrate_about(focal_length, coefficients):
     return calibrate(jl.BrownConrady(coefficients), boards, SIZE, camera_matrix=start, fixed=("cx", "cy"))
 
 
+@pytest.mark.slow
 def test_a_fixed_center_and_a_camera_to_start_from(x64):
     """What is fixed stays where it was; near or far, with the lens or without it, the minimum is the same."""
     fit = _calibrate_about(540.0, DISTORTION)
@@ -303,6 +305,7 @@ def test_a_fixed_center_and_a_camera_to_start_from(x64):
     assert _distance(_calibrate_about(800.0, np.array([0.1, 0, 0, 0, 0])), fit) < 1e-4
 
 
+@pytest.mark.slow
 def test_bounds(x64):
     """A bound that holds is reached, and all else is at its minimum given that; one that does not changes nothing."""
 

@@ -9,6 +9,9 @@ import jaxlens as jl
 from jaxlens.fitting import Boards, FitStatus, Poses, calibrate, validate
 from jaxlens.fitting._board_starts import poses_from_rays
 
+# Compilation takes minutes: run by pytest -m slow; the contract of every lens is in test_contract.py.
+pytestmark = pytest.mark.slow
+
 BOARD = np.stack(np.meshgrid(np.arange(9.0), np.arange(6.0)), -1).reshape(-1, 2)
 SIZE = (640, 480)
 FRAME = ([322.0, 236.0], [180.0, 181.0])

@@ -8,6 +8,9 @@ from jax.test_util import check_grads
 
 import jaxlens as jl
 
+# Compilation takes minutes: run by pytest -m slow; the contract of every lens is in test_contract.py.
+pytestmark = pytest.mark.slow
+
 STATUS = jl.InverseStatus
 # Ideal radii for a brute-force search.
 DENSE = np.concatenate([np.linspace(0, 4, 40_001), np.geomspace(4, 1e9, 12_000)[1:]])

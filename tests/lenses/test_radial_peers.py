@@ -8,6 +8,9 @@ import pytest
 
 import jaxlens as jl
 
+# Compilation takes minutes: run by pytest -m slow; the contract of every lens is in test_contract.py.
+pytestmark = pytest.mark.slow
+
 SIZE, CENTER, FOCAL = (1000, 800), np.array([500.0, 400.0]), 500.0
 
 

@@ -8,6 +8,9 @@ from preimages import check_against_a_search
 
 import jaxlens as jl
 
+# Compilation takes minutes: run by pytest -m slow; the contract of every lens is in test_contract.py.
+pytestmark = pytest.mark.slow
+
 FOCAL = 1000.0
 # How large random coefficients are: k, then the rest.
 LENSES = {
