@@ -13,8 +13,9 @@ from jaxlens.fitting._parameters import Choice, Selection, choose, free_mask, in
 from jaxlens.fitting._problem import Problem, assess, minimize, report
 from jaxlens.fitting._result import Fit, FitStatus, checked
 from jaxlens.fitting._solver import Unknowns
+from jaxlens.fitting._uncertainty import frame_of, is_wide, model_of, seen_at
 from jaxlens.frames import Frame
-from jaxlens.lenses import Lens, WideLens
+from jaxlens.lenses import Lens
 from jaxlens.numerics import is_concrete, join, split
 
 # Places to each side of the picture at which the two are compared.
@@ -51,7 +52,8 @@ class _Rays(Problem):
     weights: Float[Array, "1 points"]
 
     def residuals(self, unknowns: Unknowns) -> Float[Array, "1 points 2"]:
-        return (self.observed - _predicted(self.selection.insert(unknowns.shared), self.rays))[None]
+        model = self.selection.insert(unknowns.shared)
+        return (self.observed - seen_at(model["lens"], frame_of(model), self.rays))[None]
 
 
 def convert(camera: Camera, family: type[Lens] | Lens, *, terms: int | None = None, throw: bool = True) -> Conversion:
@@ -87,9 +89,9 @@ def convert(camera: Camera, family: type[Lens] | Lens, *, terms: int | None = No
     rays = camera.unproject(pixels)
     seen = jnp.isfinite(rays).all(-1)
     _check(camera, start, rays, seen)
-    model = _model(start, camera.frame)
+    model = model_of(camera.frame, start)
     choice = choose(
-        model, {"focal_length": True, "lens": free_mask(start, None, center=False), "principal_point": True}
+        model, {"camera": {"focal_length": True, "principal_point": True}, "lens": free_mask(start, None, center=False)}
     )
     fit, folded = _fit(choice, camera, model, pixels, rays, seen)
     # Families with more numbers than a lens needs leave some undetermined, and the camera is the nearest all the same.
@@ -113,29 +115,11 @@ def _check(camera: Camera, start: Lens, rays: Array, seen: Array) -> None:
     if not np.any(seen):
         raise ValueError("the camera sees nothing: none of its pixels has a ray")
     behind = np.mean(np.asarray(rays)[np.asarray(seen), 2] <= 0)
-    if behind > 0 and not isinstance(start, WideLens):
+    if behind > 0 and not is_wide(start):
         raise ValueError(
             f"{100 * behind:.0f} % of the picture lie 90° or more from the axis, where {type(start).__name__}, a lens "
             "on the plane, sees nothing: take a family of wide lenses, as KannalaBrandt, or convert camera.cropped(...)"
         )
-
-
-def _model(lens: Lens, frame: Frame) -> dict:
-    return {"focal_length": frame.scale, "lens": lens, "principal_point": frame.center}
-
-
-def _frame(model: dict) -> Frame:
-    return Frame(model["principal_point"], model["focal_length"])
-
-
-def _predicted(model: dict, rays: Float[Array, "points 3"]) -> Float[Array, "points 2"]:
-    """Returns where rays are seen, beyond folds as well: on its way to the answer a lens may fold."""
-    lens: Lens = model["lens"]
-    if isinstance(lens, WideLens):
-        return _frame(model).denormalize(lens.observe(rays)[0])
-    x, y, z = split(rays)
-    depth = jnp.where(z > 0, z, 1)
-    return _frame(model).denormalize(lens.distort(join(x / depth, y / depth)))
 
 
 def _stretch(lens: Lens, beside: Float[Array, "3"]) -> Float[Array, "2"]:
@@ -151,7 +135,8 @@ def _fit(choice: Choice, camera: Camera, model, pixels, rays, seen) -> tuple[Fit
     # Families differ in their scale on the axis: a unified lens's, for one, is half a perspective one's.
     beside = jnp.asarray([_NEAR_AXIS, _NEAR_AXIS, 1], dtype)
     own, other = (_stretch(lens, beside) for lens in (camera.lens, model["lens"]))
-    model = model | {"focal_length": model["focal_length"] * own / other}
+    frame = frame_of(model)
+    model = model_of(Frame(frame.center, frame.scale * own / other), model["lens"])
     selection = Selection(model, choice)
     observed, weights = jnp.where(seen[:, None], pixels, 0), seen.astype(dtype)[None]
     problem = _Rays(selection=selection, rays=rays, observed=observed, weights=weights)
@@ -164,7 +149,7 @@ def _fit(choice: Choice, camera: Camera, model, pixels, rays, seen) -> tuple[Fit
         known,
         choice.names,
         lens=found["lens"],
-        frame=_frame(found),
+        frame=frame_of(found),
         residuals=jnp.where(seen[:, None], known.residuals[0], 0),
         folds=jnp.any(folded),
     )
